@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import twistwrench as tw
 from twistwrench.identification import identify, log_windows
-from twistwrench.identification.identify import _longest
+from twistwrench.identification.identify import _longest_motion
 from twistwrench.identification.log_windows import LogChecks, LogSource, checks_of, rows_of_window, spread_windows
 from twistwrench.identification.result import without_links
 from twistwrench.identification.rows import SteadySamples, border_of
@@ -298,7 +298,7 @@ def test_what_is_read_of_a_log_follows_from_its_rows():
         SteadySamples(50.0, 10.0, np.zeros((200, 2)), np.zeros((200, 2))),
     ]
     log = SimpleNamespace(time=np.array([0.0, 70.0]), samples=pieces)
-    assert (_longest([log], robot).time[0], len(_longest([log], robot))) == (50.0, 200)
+    assert (_longest_motion([log], robot).time[0], len(_longest_motion([log], robot))) == (50.0, 200)
 
 
 def test_a_link_that_is_taken_away_takes_its_first_moment_along():

@@ -25,7 +25,9 @@ Cause: TypeAlias = Literal["sag", "gears"]
 Causes: TypeAlias = Cause | Collection[Cause]
 Outliers: TypeAlias = Literal["trim", "keep"]
 NoiseGiven: TypeAlias = float | tuple[float, float]
+"""Standard deviation of lengths [m], or of lengths [m] and angles [rad]."""
 AccuracyGiven: TypeAlias = tuple[float, float]
+"""Standard deviations of lengths [m] and angles [rad]."""
 CONFIGURATIONS = 500
 """Number of configurations of the predicted error."""
 
@@ -94,10 +96,11 @@ def calibrate(
     arguments.choice(outliers, "outliers", ("trim", "keep"))
     accuracy = length_and_angle(file_accuracy, "file_accuracy")
     arm = robot if isinstance(robot, Robot) else load(robot)
-    chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
+    causes = [assume] if isinstance(assume, str) else assume
+    chain = TipChain.from_robot(arm, tip, causes)
 
     def read(given: MeasurementsGiven | Sequence[MeasurementsGiven]) -> tuple[Measurements, ...]:
-        """Measurements of the argument ``measurements`` or ``test``."""
+        """Measurements of the argument ``measurements`` or ``test``, with the other arguments of the call."""
         if not isinstance(given, str | Path | Measurements | Iterable):
             raise ValueRangeError(
                 f"measurements={given!r}: give a path, Measurements(q, positions=…), or a list of them."
@@ -107,13 +110,13 @@ def calibrate(
         for source in sources:
             measurement = read_measurements(source, arm, kind, tip, degrees=degrees)
             read_sources.append(_with_options(measurement, length, noise))
-        return tuple(_require_readings(measurement, arm) for measurement in read_sources)
+        return tuple(_require_readings(measurement, arm) for measurement in read_sources)  # after all files are read
 
     measured = read(measurements)
     if not measured:
         raise ValueRangeError("no measurements are given. Give a path, or Measurements(q, positions=…).")
     problem = CalibrationProblem(chain, measured, keep_outliers=outliers == "keep")
-    plain = problem.solve(frames_only=True)
+    file_fit = problem.solve(frames_only=True)  # targets and tip alone
     fit = fitted_in_groups(problem.solve())
     held_out = cross_validated(fit, seed) if test is None else error_of_test(fit, read(test))
     settings = {
@@ -125,9 +128,9 @@ def calibrate(
         name = "MEASUREMENTS" if index == 1 else f"MEASUREMENTS{index}"
         if measurement.path:
             files[name] = measurement.path
-    reference = arm.random_configuration(seed, CONFIGURATIONS)
-    found = CalibratedRobot(arm, fit, plain, held_out, (), accuracy, reference, settings, files)
-    return replace(found, doubts=tuple(doubts_of(found)))
+    configurations = arm.random_configuration(seed, CONFIGURATIONS)
+    without_doubts = CalibratedRobot(arm, fit, file_fit, held_out, (), accuracy, configurations, settings, files)
+    return replace(without_doubts, doubts=tuple(doubts_of(without_doubts)))
 
 
 def _with_options(m: Measurements, length: float | None, noise: float | tuple[float, float] | None) -> Measurements:
@@ -140,7 +143,7 @@ def _with_options(m: Measurements, length: float | None, noise: float | tuple[fl
 
 
 def _require_readings(m: Measurements, robot: Robot) -> Measurements:
-    """Return the measurements if they are of this robot and enough for any estimate; otherwise raise."""
+    """The measurements; raises ShapeError if they are of another robot, and ValueRangeError if they are too few."""
     has_rows_of_robot = m.q.ndim == 2 and m.q.shape[1] == robot.nq
     if not has_rows_of_robot:
         raise ShapeError(

@@ -1,4 +1,4 @@
-"""Chain from the base to the tip with a small twist at each joint: poses of the tip, and twist columns of all parameters.
+"""Chain from the base to the tip, corrected by a small twist at each joint: poses of the tip, and their derivatives.
 
 With the placement P_k of joint k in its parent's moving link and its screw S_k in its own frame,
 
@@ -32,9 +32,9 @@ from ..robot import Robot
 EFFECTS = ("sag", "gears")
 """Effects beside the geometry that can be fitted."""
 _RANDOM_CONFIGURATIONS = 100
-"""Configurations in which torques of gravity are compared."""
-_ROUNDING = 1e-9
-"""Torque of gravity, as a share of the largest joint's, below which it is rounding."""
+"""Number of configurations in which torques of gravity are compared."""
+_MIN_LOAD_SHARE = 1e-9
+"""Torque of gravity, as a share of the largest joint's, up to which it is a rounding error."""
 ANGLES = ("rx", "ry", "rz")
 """Endings of the names of parameters that are turns."""
 LENGTHS = ("x", "y", "z")
@@ -43,12 +43,12 @@ LENGTHS = ("x", "y", "z")
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """Corrections of a chain, turns and shifts in the axes of :attr:`TipChain.axes`."""
+    """Corrections of the n joints of a chain, with turns and shifts along :attr:`TipChain.axes`, and of its tip."""
 
     displacements: Array
-    """(n, 6) turns w and shifts p."""
+    """(n, 6) turns w [rad] and shifts p [m]."""
     gears: Array
-    """(n,) errors of gears, as shares."""
+    """(n,) errors of gears, as shares of the joint's motion."""
     sags: Array
     """(n,) compliances [rad/(N m) or m/N]."""
     tip: Array
@@ -64,7 +64,7 @@ class TipChain:
     frame: str
     """Frame of the tip."""
     bodies: tuple[int, ...]
-    """Bodies on the way, from the base."""
+    """Indices of the bodies on the way, from the base."""
     assume: tuple[str, ...] = ()
     """Effects that are fitted beside the geometry: sag, gears."""
 
@@ -106,7 +106,7 @@ class TipChain:
 
     @property
     def moves_tip(self) -> bool:
-        """True if a robot's file can move the tip alone; False for the frame of a moving link, which is that of its joint."""
+        """True if a robot's file can move the tip alone; False if the tip is a link's own frame, which moves with its joint."""
         return self.frame != self.robot.model.bodies[self.bodies[-1]].link
 
     # ── What the file has
@@ -123,7 +123,7 @@ class TipChain:
 
     @cached_property
     def turning(self) -> list[bool]:
-        """True for joints that turn."""
+        """(n,) True for joints that turn, False for joints that slide."""
         return [bool(self.robot.model.bodies[i].joint.turning[0]) for i in self.bodies]
 
     @cached_property
@@ -143,7 +143,7 @@ class TipChain:
 
     @cached_property
     def own(self) -> list[int]:
-        """Index, 0 to 5, of the largest entry of each screw: the joint's own motion, or the nearest of rx, ry, rz, x, y, z."""
+        """Index, 0 to 5, of the largest entry of each screw: which of rx, ry, rz, x, y, z is nearest to the joint's motion."""
         return [int(entry) for entry in np.abs(self.screws).argmax(axis=1)]
 
     @cached_property
@@ -151,14 +151,14 @@ class TipChain:
         """(n, 3, 3) axes of turns and shifts, as columns: x, y and z, the nearest of which is replaced by the joint's axis."""
         axes = np.zeros((len(self.bodies), 3, 3))
         for k, (screw, own_entry) in enumerate(zip(self.screws, self.own, strict=True)):
-            half, own_column = divmod(own_entry, 3)  # half of the screw: angular for a joint that turns, else linear
+            half, own_column = divmod(own_entry, 3)  # half 0 of the screw is angular, half 1 linear
             R = np.eye(3)
             R[:, own_column] = screw.reshape(2, 3)[half]
             for j in range(3):  # Gram-Schmidt: the own axis stays, the others become normal to it and to one another
                 if j == own_column:
                     continue
-                done = sorted({own_column, *range(j)})  # columns that are already final
-                R[:, j] -= R[:, done] @ (R[:, done].T @ R[:, j])
+                final_columns = sorted({own_column, *range(j)})
+                R[:, j] -= R[:, final_columns] @ (R[:, final_columns].T @ R[:, j])
                 R[:, j] /= np.linalg.norm(R[:, j])
             axes[k] = R
         return axes
@@ -171,7 +171,7 @@ class TipChain:
         return Corrections(np.zeros((n, 6)), np.zeros(n), np.zeros(n), tip_pose)
 
     def loads(self, q: Array) -> Array:
-        """(N, n) torques that hold the joints at rest; zeros if sag is not fitted."""
+        """(N, n) torques that hold the joints at rest in configurations q (N, nq); zeros if sag is not fitted."""
         if "sag" not in self.assume:
             return np.zeros((len(q), len(self.bodies)))
         velocity_columns = [self.robot.model.bodies[i].v_index for i in self.bodies]
@@ -179,10 +179,10 @@ class TipChain:
 
     @cached_property
     def loaded_joints(self) -> list[str]:
-        """Joints that sag: those with a torque of gravity in some configuration, if sag is fitted."""
+        """Joints that sag: those that gravity loads in some configuration; empty if sag is not fitted."""
         q = self.robot.random_configuration(0, _RANDOM_CONFIGURATIONS)
         largest_loads = np.abs(self.loads(q)).max(axis=0)
-        min_load = _ROUNDING * largest_loads.max()
+        min_load = _MIN_LOAD_SHARE * largest_loads.max()
         return [joint for joint, load in zip(self.joints, largest_loads, strict=True) if load > min_load]
 
     # ── Parameters: twists of the joints, gears, sags, twist of the tip
@@ -203,7 +203,7 @@ class TipChain:
 
     @cached_property
     def are_lengths(self) -> Array:
-        """True for parameters in m: shifts, and zeros of joints that slide."""
+        """(p,) True for parameters in m: shifts, and zeros of joints that slide."""
         zeros_of_sliding = set()
         for joint, turns in zip(self.joints, self.turning, strict=True):
             if not turns:
@@ -215,51 +215,55 @@ class TipChain:
         return np.array(is_length)
 
     def scales(self, angle: float, length: float, gear: float, sag: float, tip: tuple[float, float]) -> Array:
-        """(p,) numbers that are given by kind of parameter; ``tip`` has those of the tip's angles and lengths."""
+        """Numbers (p,) of the parameters, from a number for each kind; ``tip`` has the numbers of its angles and lengths."""
         scales = np.where(self.are_lengths, length, angle)
         endings = np.array([name.rpartition(".")[2] for name in self.parameters])
         scales[endings == "gear"] = gear
         scales[endings == "sag"] = sag
-        scales[-6:] = np.repeat(tip, 3)
+        scales[-6:] = np.repeat(tip, 3)  # the tip's parameters come last
         return scales
 
     def values(self, at: Corrections) -> Array:
-        """Parameters (p,) of corrections; those of the tip are turn and shift from the file's pose."""
+        """Parameters (p,) of corrections, in the order of :attr:`parameters`."""
         values = [at.displacements.ravel()]
         if "gears" in self.assume:
             values.append(at.gears)
         if "sag" in self.assume:
             values.append(at.sags)
-        displacement = np.asarray(se3.inverse(self.start.tip)) @ at.tip
-        return np.concatenate([*values, np.asarray(so3.log(displacement[:3, :3])), displacement[:3, 3]])
+        tip_displacement = np.asarray(se3.inverse(self.start.tip)) @ at.tip
+        tip_turn = np.asarray(so3.log(tip_displacement[:3, :3]))
+        return np.concatenate([*values, tip_turn, tip_displacement[:3, 3]])
 
     def corrections(self, values: Array) -> Corrections:
         """Corrections with the parameters (p,), as :meth:`values` returns them."""
         n = len(self.bodies)
-        gears, sags = np.zeros(n), np.zeros(n)
-        effects = values[6 * n : -6]  # gears, then sags, as far as they are fitted
+        displacements, effects, tip_values = np.split(values, [6 * n, len(values) - 6])
+        gears = np.zeros(n)
+        sags = np.zeros(n)
         if "gears" in self.assume:
-            gears = effects[:n]
+            gears = effects[:n]  # first, if both are fitted
         if "sag" in self.assume:
             sags = effects[-n:]
-        displacement = np.asarray(se3.pose(so3.exp(values[-6:-3]), values[-3:]))
-        return Corrections(values[: 6 * n].reshape(n, 6), gears, sags, self.start.tip @ displacement)
+        tip_displacement = np.asarray(se3.pose(so3.exp(tip_values[:3]), tip_values[3:]))
+        return Corrections(displacements.reshape(n, 6), gears, sags, self.start.tip @ tip_displacement)
 
     def step(self, at: Corrections, x: Array) -> Corrections:
         """Corrections after a step x (p,) of the parameters."""
         return self.corrections(self.values(at) + x)
 
     def bends(self, at: Corrections) -> Array:
-        """(n, 4, 4) displacements D: a turn R about the centre c, then a shift p, so that x moves to R (x - c) + c + p."""
+        """(n, 4, 4) displacements D: a turn R about the centre c, then a shift p; a point x moves to R (x - c) + c + p."""
         turns, shifts = self.turns_and_shifts(at)
         R = np.asarray(so3.exp(turns))
         rotated_centres = np.einsum("kij,kj->ki", R, self.centres)
         return np.asarray(se3.pose(R, self.centres + shifts - rotated_centres))
 
     def turns_and_shifts(self, at: Corrections) -> tuple[Array, Array]:
-        """(n, 3) turns w and (n, 3) shifts p in the axes of the frames."""
-        turns, shifts = np.split(at.displacements, 2, axis=1)
-        return np.einsum("kij,kj->ki", self.axes, turns), np.einsum("kij,kj->ki", self.axes, shifts)
+        """(n, 3) turns w and (n, 3) shifts p in the axes of the joints' frames."""
+        turns_along_axes, shifts_along_axes = np.split(at.displacements, 2, axis=1)
+        turns = np.einsum("kij,kj->ki", self.axes, turns_along_axes)
+        shifts = np.einsum("kij,kj->ki", self.axes, shifts_along_axes)
+        return turns, shifts
 
     # ── Poses
 
@@ -268,20 +272,20 @@ class TipChain:
         slopes_by_compliance = -loads  # of the joints' positions
         positions = q[:, self.columns] * (1.0 + at.gears) + at.sags * slopes_by_compliance
         motions = np.asarray(se3.exp(positions.T[..., None] * self.screws[:, None]))  # (n, N, 4, 4)
-        T = np.tile(np.eye(4), (len(q), 1, 1))
-        before_displacement, after_displacement = list[Array](), list[Array]()
+        T = np.tile(np.eye(4), (len(q), 1, 1))  # from the base to the last moving link so far
+        file_poses = list[Array]()  # of each joint's frame, without its own displacement
+        joint_poses = list[Array]()  # with it
         for placement, displacement, motion in zip(self.placements, self.bends(at), motions, strict=True):
-            before_displacement.append(T @ placement)
-            after_displacement.append(T @ (placement @ displacement))
-            T = after_displacement[-1] @ motion
+            file_poses.append(T @ placement)
+            joint_poses.append(T @ (placement @ displacement))
+            T = joint_poses[-1] @ motion
         turns, shifts = self.turns_and_shifts(at)
         points = self.centres + shifts  # of the axes about which D_k turn, after their shifts
-        twists = _displacement_columns(
-            np.array(before_displacement), points[:, None], turns[:, None], self.axes[:, None]
-        )
+        twists = _displacement_columns(np.array(file_poses), points[:, None], turns[:, None], self.axes[:, None])
         columns = [np.moveaxis(twists, 0, 2).reshape(len(q), 6, 6 * len(self.bodies))]
         if self.assume:
-            screws = np.moveaxis(Ad(np.array(after_displacement)) @ self.screws[:, None], 0, 2)
+            screws_in_base = Ad(np.array(joint_poses)) @ self.screws[:, None]
+            screws = np.moveaxis(screws_in_base, 0, 2)
             if "gears" in self.assume:
                 columns.append(screws * q[:, None, self.columns])
             if "sag" in self.assume:
@@ -292,14 +296,14 @@ class TipChain:
         return T @ at.tip, np.concatenate(columns, axis=2)
 
     def tips(self, q: Array, at: Corrections | None = None) -> Array:
-        """Poses (N, 4, 4) of the tip alone."""
+        """Poses (N, 4, 4) of the tip, by default with corrections of zero."""
         if at is None:
             at = self.start
         tip_poses, _ = self.poses(q, self.loads(q), at)
         return tip_poses
 
     def calibrated_robot(self, at: Corrections) -> Robot:
-        """Robot whose placements, and tip if a file can move it, have the corrections; gears and sags are left out."""
+        """Robot with corrected placements, and with the corrected tip if a file can move it; gears and sags are left out."""
         model = self.robot.model
         bodies = list(model.bodies)
         displacements = self.bends(at)
@@ -312,16 +316,17 @@ class TipChain:
 
 
 def _displacement_columns(T: Array, point: Array, turn: Array, axes: Array) -> Array:
-    """Twist columns (..., 6, 6) in the base frame: for a change of a turn w about a point, and of the point's shift.
+    """Twist columns (..., 6, 6) in the base frame: three for changes of a turn w about a point, three for its shift.
 
-    T (..., 4, 4) are the poses of the frame in which ``point`` (..., 3) and ``turn`` w (..., 3) are given, and the columns of
-    ``axes`` (..., 3, 3) the directions of both changes. The velocity of rotation is J(w) dw with the left Jacobian J.
+    ``point`` (..., 3) and ``turn`` w (..., 3) are in a frame whose poses are T (..., 4, 4). Both change along the columns of
+    ``axes`` (..., 3, 3). The angular velocity of a changing w is J(w) dw with the left Jacobian J.
     """
     R = T[..., :3, :3]
     angular = R @ (np.asarray(so3.left_jacobian(turn)) @ axes)
+    p = T[..., :3, 3] + (R @ point[..., None])[..., 0]  # the point in the base frame
     columns = np.zeros((*T.shape[:-2], 6, 6))
     columns[..., :3, :3] = angular
-    columns[..., 3:, :3] = so3.hat(T[..., :3, 3] + (R @ point[..., None])[..., 0]) @ angular  # [p] ω
+    columns[..., 3:, :3] = so3.hat(p) @ angular  # [p] ω
     columns[..., 3:, 3:] = R @ axes
     return columns
 

@@ -27,20 +27,21 @@ _MIN_EIGENVALUE_RATIO = 1e-2
 
 
 class ReadingRows(NamedTuple):
-    """Residuals of readings and their derivatives."""
+    """Residuals of m readings with r rows each, and their derivatives."""
 
     residual: Array
     """(m, r) residuals [m, rad]."""
     columns: Array
-    """(m, r, p) derivatives by the chain's parameters."""
+    """(m, r, p) derivatives of the residuals by the chain's parameters."""
     own: Array
-    """(m, r, k) derivatives by the target's unknowns."""
+    """(m, r, k) derivatives of the residuals by the target's own unknowns."""
 
 
 class MeasuredTarget(ABC):
     """Unknowns of a measurement."""
 
     given: Measurements
+    """Readings and the configurations of the robot."""
     names: tuple[str, ...] = ()
     """Names of the target's unknowns."""
     angles: ClassVar[int] = 0
@@ -53,19 +54,22 @@ class MeasuredTarget(ABC):
         """Residuals for poses T (N, 4, 4) of the tip with twist columns J (N, 6, p)."""
 
     def step(self, _x: Array) -> MeasuredTarget:
-        """Target after a step of its unknowns."""
+        """Target after a step of its unknowns; the target itself if it has none."""
         return self
 
     def length_row(self, _T: Array, _J: Array) -> tuple[float, Array, Array] | None:
-        """Residual of the known length and its derivatives (p,), (k,); None without one."""
+        """Residual of the known length [m], and its derivatives (p,) and (k,); None without a known length."""
         return None
 
     def freedom(self, turning: int, sliding: int) -> int:
-        """Rank of many different readings, in theory: independent parameters of the arm's shape, and the target's unknowns."""
+        """Rank of many different readings, in theory: independent parameters of the arm's shape, and the target's unknowns.
+
+        ``turning`` and ``sliding`` are numbers of joints.
+        """
         return 4 * turning + 2 * sliding - 3 + len(self.names)
 
     def frame(self) -> Array:
-        """(4, 4) pose of the base in the target's frame, or of its centre in the base."""
+        """(4, 4) pose of the base in the target's frame, or of the target's centre in the base; the identity by default."""
         return np.eye(4)
 
 
@@ -77,28 +81,31 @@ def _nearest_rotation(M: Array) -> Array:
 
 def rigid_motion(points: Array, places: Array) -> Array:
     """Pose (4, 4) that brings points (n, 3) nearest to places (n, 3). Source: Kabsch, Acta Cryst. A32, 1976."""
-    R = _nearest_rotation((places - places.mean(0)).T @ (points - points.mean(0)))
+    covariance = (places - places.mean(0)).T @ (points - points.mean(0))
+    R = _nearest_rotation(covariance)
     p = (places - points @ R.T).mean(axis=0)
     return np.asarray(se3.pose(R, p))
 
 
 @dataclass(frozen=True, eq=False)
 class FrameTarget(MeasuredTarget):
-    """Tracker or camera with the pose X of the base in its frame."""
+    """Frame of a tracker or camera."""
 
     given: Measurements
     X: Array
+    """(4, 4) pose of the base in the frame."""
     names: tuple[str, ...] = (*ANGLES, *LENGTHS)
 
     @classmethod
     def from_tips(cls, given: Measurements, T: Array) -> FrameTarget:
-        """Frame for poses T of the tip: by rotations, or by points (Kabsch)."""
-        p, y = T[:, :3, 3], given.points
+        """Frame for poses T of the tip: by rotations if they are measured, else by points (Kabsch)."""
+        p = T[:, :3, 3]
         if given.kind == "position":
-            return cls(given, rigid_motion(p, y))
-        rotations_of_base = given.rotations @ np.swapaxes(T[:, :3, :3], 1, 2)  # of each reading
+            return cls(given, rigid_motion(p, given.points))
+        rotations_of_base = given.rotations @ np.swapaxes(T[:, :3, :3], 1, 2)  # by each reading
         R = _nearest_rotation(rotations_of_base.sum(axis=0))
-        return cls(given, np.asarray(se3.pose(R, (y - p @ R.T).mean(axis=0))))
+        position_of_base = (given.points - p @ R.T).mean(axis=0)
+        return cls(given, np.asarray(se3.pose(R, position_of_base)))
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Errors of position, and of rotation log(X R R_measured')."""
@@ -122,7 +129,7 @@ class FrameTarget(MeasuredTarget):
         )
 
     def step(self, x: Array) -> FrameTarget:
-        """Frame turned and shifted by a twist."""
+        """Frame whose pose X is moved by a twist x (6,)."""
         return replace(self, X=np.asarray(se3.exp(x)) @ self.X)
 
     def freedom(self, turning: int, sliding: int) -> int:
@@ -138,19 +145,21 @@ class FrameTarget(MeasuredTarget):
 def turn_of_target(measured: Array, tip_rotations: Array) -> Array:
     """Rotation R (3, 3) of the target on the tip, from measured rotations M = X T R (n, 3, 3) and T (n, 3, 3) of the tip.
 
-    X is any rotation. M R' = X T is linear in R' and X, which together are the null vector of A. The result is the identity
-    if the rotations are about too few axes. Source: Shah, "Solving the robot-world/hand-eye calibration problem using the
-    Kronecker product", J. Mechanisms and Robotics 5(3), 2013.
+    X is any rotation. M R' = X T is linear in the 18 entries of R' and X, which are the null vector of A. The result is the
+    identity if the rotations are about too few axes. Source: Shah, "Solving the robot-world/hand-eye calibration problem using
+    the Kronecker product", J. Mechanisms and Robotics 5(3), 2013.
     """
-    unit, A = np.eye(3), np.zeros((18, 18))
+    identity = np.eye(3)
+    A = np.zeros((18, 18))
     for M, T in zip(measured, tip_rotations, strict=True):
-        rows = np.c_[np.kron(M, unit), -np.kron(unit, T.T)]
-        A += rows.T @ rows
-    values, vectors = np.linalg.eigh(A)
-    if values[1] < _MIN_EIGENVALUE_RATIO * values[-1]:
-        return unit
-    inverse = vectors[:9, 0].reshape(3, 3)  # R' times an unknown factor, of either sign
-    return _nearest_rotation(inverse * np.sign(np.linalg.det(inverse))).T
+        equations = np.c_[np.kron(M, identity), -np.kron(identity, T.T)]
+        A += equations.T @ equations
+    eigenvalues, eigenvectors = np.linalg.eigh(A)  # from the smallest up
+    if eigenvalues[1] < _MIN_EIGENVALUE_RATIO * eigenvalues[-1]:
+        return identity
+    scaled_inverse = eigenvectors[:9, 0].reshape(3, 3)  # R' times an unknown factor, of either sign
+    inverse = _nearest_rotation(scaled_inverse * np.sign(np.linalg.det(scaled_inverse)))
+    return inverse.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +168,7 @@ class CentreTarget(MeasuredTarget):
 
     given: Measurements
     centre: Array
+    """(3,) position in the base [m]."""
     names: tuple[str, ...] = LENGTHS
 
     @classmethod
@@ -166,13 +176,14 @@ class CentreTarget(MeasuredTarget):
         """Centre c by trilateration: |p - c|² = d² is linear in c and |c|², 2 p' c - |c|² = |p|² - d²."""
         p = T[:, :3, 3]
         A = np.c_[2.0 * p, np.ones(len(p))]
-        solution = np.linalg.lstsq(A, (p**2).sum(axis=1) - given.sizes**2, rcond=None)[0]
+        solution, *_ = np.linalg.lstsq(A, (p**2).sum(axis=1) - given.sizes**2, rcond=None)
         return cls(given, solution[:3])
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Distance of the tip from the centre, less the reading."""
-        distance, u = _distances_and_directions(T[:, :3, 3] - self.centre)
-        return ReadingRows((distance - self.given.sizes)[:, None], u @ point_columns(T, J), -u)
+        distances, u = _distances_and_directions(T[:, :3, 3] - self.centre)
+        residual = distances - self.given.sizes
+        return ReadingRows(residual[:, None], u @ point_columns(T, J), -u)
 
     def step(self, x: Array) -> CentreTarget:
         """Centre moved by x."""
@@ -191,22 +202,25 @@ class PairTarget(MeasuredTarget):
 
     @classmethod
     def from_tips(cls, given: Measurements, _T: Array) -> PairTarget:
-        """Nothing is estimated."""
+        """Target without unknowns."""
         return cls(given)
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Distance between the two tips, less the reading."""
-        first, second = np.asarray(self.given.pairs).T  # indices of the poses of each pair
-        linear, p = point_columns(T, J), T[:, :3, 3]
-        distance, u = _distances_and_directions(p[first] - p[second])
+        i, j = np.asarray(self.given.pairs).T  # indices of the two poses of each pair
+        p = T[:, :3, 3]
+        J_v = point_columns(T, J)
+        distances, u = _distances_and_directions(p[i] - p[j])
+        residual = distances - self.given.sizes
         no_unknowns = np.zeros((len(u), 1, 0))
-        return ReadingRows((distance - self.given.sizes)[:, None], u @ (linear[first] - linear[second]), no_unknowns)
+        return ReadingRows(residual[:, None], u @ (J_v[i] - J_v[j]), no_unknowns)
 
 
 def _distances_and_directions(differences: Array) -> tuple[Array, Array]:
     """Lengths (m,) of differences (m, 3) of points, and their unit vectors as rows (m, 1, 3)."""
     distances = np.linalg.norm(differences, axis=1)
-    return distances, (differences / np.maximum(distances, _MIN_DISTANCE)[:, None])[:, None]
+    directions = differences / np.maximum(distances, _MIN_DISTANCE)[:, None]
+    return distances, directions[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +239,8 @@ class TouchTarget(MeasuredTarget):
     def from_tips(cls, given: Measurements, T: Array) -> TouchTarget:
         """Each target by a linear fit."""
         labels = given.target_names
-        x = np.array([cls.start(T[given.target_index == k, :3, 3]) for k in range(len(labels))])
+        p = T[:, :3, 3]
+        x = np.array([cls.start(p[given.target_index == k]) for k in range(len(labels))])
         if len(labels) == 1:
             return cls(given, x, cls.words)
         return cls(given, x, tuple(f"{label}.{word}" for label in labels for word in cls.words))
@@ -236,24 +251,24 @@ class TouchTarget(MeasuredTarget):
         """Unknowns of one target from touched points (m, 3)."""
 
     def spread(self, own: Array) -> Array:
-        """Derivatives (m, r, k) by the unknowns of all targets, from those by the unknowns of each reading's target."""
+        """Derivatives (m, r, k) by the unknowns of all targets; ``own`` are by the unknowns of each reading's target."""
         target_count, unknown_count = self.x.shape
         by_targets = np.zeros((*own.shape[:2], target_count, unknown_count))
         by_targets[np.arange(len(own)), :, self.given.target_index] = own
         return by_targets.reshape(*own.shape[:2], -1)
 
     def step(self, x: Array) -> TouchTarget:
-        """Targets moved by x."""
+        """Targets whose unknowns change by x (k,)."""
         return replace(self, x=self.x + x.reshape(self.x.shape))
 
     def freedom(self, turning: int, sliding: int) -> int:
-        """Rank in theory; without a known length, touches leave the scale open."""
+        """Rank in theory; without a known length, touches do not determine the scale."""
         is_scale_open = self.given.length is None
         return super().freedom(turning, sliding) - int(is_scale_open)
 
 
 class PointTarget(TouchTarget):
-    """Points."""
+    """Points; the unknowns of each are its x, y and z."""
 
     words = LENGTHS
 
@@ -264,8 +279,9 @@ class PointTarget(TouchTarget):
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Position of the tip less its point."""
+        residual = T[:, :3, 3] - self.x[self.given.target_index]
         own = np.broadcast_to(-np.eye(3), (len(T), 3, 3))
-        return ReadingRows(T[:, :3, 3] - self.x[self.given.target_index], point_columns(T, J), self.spread(own))
+        return ReadingRows(residual, point_columns(T, J), self.spread(own))
 
     def length_row(self, _T: Array, J: Array) -> tuple[float, Array, Array] | None:
         """Distance of the first two points, less the known length."""
@@ -274,8 +290,8 @@ class PointTarget(TouchTarget):
         difference = self.x[0] - self.x[1]
         distance = float(np.linalg.norm(difference))
         u = difference / max(distance, _MIN_DISTANCE)
-        other_targets = np.zeros(self.x.size - 6)
-        return distance - self.given.length, np.zeros(J.shape[2]), np.concatenate([u, -u, other_targets])
+        by_other_targets = np.zeros(self.x.size - 6)
+        return distance - self.given.length, np.zeros(J.shape[2]), np.concatenate([u, -u, by_other_targets])
 
 
 class PlaneTarget(TouchTarget):
@@ -285,11 +301,11 @@ class PlaneTarget(TouchTarget):
 
     @staticmethod
     def start(p: Array) -> Array:
-        """Rotation vector of the normal from z, and distance."""
+        """x and y of the rotation vector from z to the normal, and the distance d from the origin."""
         centre = p.mean(axis=0)
         _, _, directions = np.linalg.svd(p - centre)
         n = directions[2]  # in which the points vary least
-        if n @ centre < 0:
+        if n @ centre < 0:  # the normal points away from the origin
             n = -n
         axis = np.asarray(so3.cross([0.0, 0.0, 1.0], n))
         sine = float(np.linalg.norm(axis))
@@ -307,20 +323,22 @@ class PlaneTarget(TouchTarget):
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Height of the tip above its plane."""
-        plane, p = self.given.target_index, T[:, :3, 3]
-        n, n_by_rotation = self.normals()
-        height_by_rotation = np.einsum("ni,nij->nj", p, n_by_rotation[plane])
+        k = self.given.target_index  # plane of each reading
+        p = T[:, :3, 3]
+        n_of_planes, n_by_rotation = self.normals()
+        n = n_of_planes[k]
+        height_by_rotation = np.einsum("ni,nij->nj", p, n_by_rotation[k])
         own = np.concatenate([height_by_rotation, -np.ones((len(p), 1))], axis=1)
-        height = (p * n[plane]).sum(axis=1) - self.x[plane, 2]
-        return ReadingRows(height[:, None], n[plane][:, None] @ point_columns(T, J), self.spread(own[:, None]))
+        heights = (p * n).sum(axis=1) - self.x[k, 2]
+        return ReadingRows(heights[:, None], n[:, None] @ point_columns(T, J), self.spread(own[:, None]))
 
     def length_row(self, T: Array, J: Array) -> tuple[float, Array, Array] | None:
         """Mean distance of the second plane's touched points from the first plane, less the known length."""
         if self.given.length is None:
             return None
-        is_second = self.given.target_index == 1
-        centre = T[is_second, :3, 3].mean(axis=0)
-        centre_columns = point_columns(T[is_second], J[is_second]).mean(axis=0)
+        on_second_plane = self.given.target_index == 1
+        centre = T[on_second_plane, :3, 3].mean(axis=0)
+        centre_columns = point_columns(T[on_second_plane], J[on_second_plane]).mean(axis=0)
         n, n_by_rotation = self.normals()
         height = float(n[0] @ centre - self.x[0, 2])
         sign = 1.0 if height > 0 else -1.0
@@ -330,7 +348,7 @@ class PlaneTarget(TouchTarget):
 
 
 class SphereTarget(TouchTarget):
-    """Spheres with unknown radius."""
+    """Spheres; the unknowns of each are its centre and its radius."""
 
     words = (*LENGTHS, "radius")
 
@@ -338,24 +356,25 @@ class SphereTarget(TouchTarget):
     def start(p: Array) -> Array:
         """Centre c and radius r of the sphere through the points: 2 p' c + (r² - |c|²) = |p|²."""
         A = np.c_[2.0 * p, np.ones(len(p))]
-        solution = np.linalg.lstsq(A, (p**2).sum(axis=1), rcond=None)[0]
+        solution, *_ = np.linalg.lstsq(A, (p**2).sum(axis=1), rcond=None)
         centre = solution[:3]
-        squared_radius = solution[3] + centre @ centre
-        return np.array([*centre, np.sqrt(max(squared_radius, 1e-6))])
+        squared_radius = max(solution[3] + centre @ centre, 1e-6)  # [m²]; noise may make the fitted one negative
+        return np.array([*centre, np.sqrt(squared_radius)])
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Distance of the tip from the centre of its sphere, less the radius."""
-        x = self.x[self.given.target_index]
-        distance, u = _distances_and_directions(T[:, :3, 3] - x[:, :3])
+        sphere_of_reading = self.x[self.given.target_index]
+        centres, radii = sphere_of_reading[:, :3], sphere_of_reading[:, 3]
+        distances, u = _distances_and_directions(T[:, :3, 3] - centres)
         own = np.concatenate([-u, -np.ones((len(u), 1, 1))], axis=2)
-        return ReadingRows((distance - x[:, 3])[:, None], u @ point_columns(T, J), self.spread(own))
+        return ReadingRows((distances - radii)[:, None], u @ point_columns(T, J), self.spread(own))
 
     def length_row(self, _T: Array, J: Array) -> tuple[float, Array, Array] | None:
         """Diameter of the first sphere, less the known length."""
         if self.given.length is None:
             return None
         own = np.zeros(self.x.size)
-        own[3] = 2.0
+        own[3] = 2.0  # by the radius of the first sphere
         return float(2.0 * self.x[0, 3] - self.given.length), np.zeros(J.shape[2]), own
 
 

@@ -1,6 +1,6 @@
 """Writing of a calibrated geometry into the robot's file, in which only placements change.
 
-With fixed links between two joints, the new origin of the moving joint is (fixed chain)⁻¹ P_k D_k, with the displacement D_k
+With fixed links between two joints, the new origin of the second joint is (fixed chain)⁻¹ P_k D_k, with the displacement D_k
 of the calibration. Frames, masses and meshes stay on their links. The text is read back before it replaces a file.
 """
 
@@ -38,9 +38,10 @@ _MAX_UNCHANGED_ENTRY = 1e-15
 
 
 def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | Path, summary: str) -> Path:
-    """Write the placements of ``calibrated`` into the file of ``original``, with a comment with ``summary`` at its top.
+    """Write the file of ``original`` with the placements of ``calibrated``, and with ``summary`` in a comment, to ``path``.
 
-    Raises ModelError if the robot has no URDF or MJCF file, RobotFileError if the text does not come back the same.
+    ``frame`` is the frame of the tip. Raises ModelError if the robot has no URDF or MJCF file, and RobotFileError if reading
+    the text gives other poses.
     """
     file = file_of(original.model)
     if file is None or file.xacro or file.root.tag not in ("robot", "mujoco"):
@@ -48,25 +49,25 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
             f"robot {original.name!r} was not read from a URDF or MJCF file, so there is none to write into. "
             "tw.save(found.robot, path) writes a new one."
         )
-    source = None  # path of the file, if the robot was not read from a text
+    source = None  # path of the file; None if the robot was read from a text
     if str(original.model.source) and Path(str(file)).is_file():
         source = Path(str(file))
-    editable = text_of(file.root, original.model.name, source)
+    robot_text = text_of(file.root, original.model.name, source)
     changes = TextChanges(SIGNATURE)
     chain = TipChain.from_robot(original, frame)
     links = [original.model.bodies[i].link for i in chain.bodies]
     if frame != links[-1]:
         links.append(frame)
     for link in links:
-        if link not in editable.links:
+        if link not in robot_text.links:
             raise ModelError(
-                f"the file has no {editable.noun} {link!r} whose place could be written. Name another: {argument('tip')}."
+                f"the file has no {robot_text.noun} {link!r} whose place could be written. Name another: {argument('tip')}."
             )
-        parent = editable.parent(link)
-        before = _placement(original.model, link, parent)
-        after = _placement(calibrated.model, link, parent)
-        if np.abs(after - before).max() > _MAX_UNCHANGED_ENTRY:
-            editable.write_pose(changes, link, after, _REASON)
+        parent = robot_text.parent(link)
+        file_pose = _placement(original.model, link, parent)
+        calibrated_pose = _placement(calibrated.model, link, parent)
+        if np.abs(calibrated_pose - file_pose).max() > _MAX_UNCHANGED_ENTRY:
+            robot_text.write_pose(changes, link, calibrated_pose, _REASON)
     comment = f"{SIGNATURE} {__version__}, {date.today().isoformat()}: {summary}".replace("--", "- -")  # as XML demands
     changes.add(file.root, f"<!-- {comment} -->")
     text = changes.apply(file.text)
@@ -84,19 +85,23 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
 
 def _placement(model: Model, link: str, parent: str) -> Array:
     """(4, 4) pose of a link in its parent link or, without such a frame, in the base; all joints between them at zero."""
-    frame, parent_frame = model.frames[link], model.frames.get(parent)
-    parent_pose, parent_body = np.eye(4), BASE
+    parent_pose = np.eye(4)  # in the parent's body
+    parent_body = BASE
+    parent_frame = model.frames.get(parent)
     if parent_frame is not None:
-        parent_pose, parent_body = np.asarray(parent_frame.pose), parent_frame.body
-    pose, body = np.asarray(frame.pose), frame.body
-    while body != parent_body:  # pose in the next body towards the base
+        parent_pose = np.asarray(parent_frame.pose)
+        parent_body = parent_frame.body
+    frame = model.frames[link]
+    pose = np.asarray(frame.pose)  # in ``body``
+    body = frame.body
+    while body != parent_body:  # one body towards the base
         pose = model.bodies[body].placement @ pose
         body = model.bodies[body].parent
     return np.asarray(se3.inverse(parent_pose)) @ pose
 
 
 def _difference(text: str, calibrated: Robot, links: list[str], source: Path | None) -> float:
-    """Largest difference of the links' poses after reading the text."""
+    """Largest difference of the links' poses, in m and in entries of rotations, between the text and ``calibrated``."""
     folders = [] if source is None else [source.resolve().parent]
     read_robot = load(text, include_paths=folders, inertia="accept", snap=0)
     rng = np.random.default_rng(0)

@@ -37,12 +37,14 @@ from .terminal import progress_bar
 CommandHold: TypeAlias = Literal["zero", "linear", "auto"]
 Identified: TypeAlias = IdentifiedRobot | IdentifiedServos
 _KNOWN_UNITS = SERVO_UNITS | PARAMETER_UNITS
+"""Units of known values by kind of parameter."""
 _SERVO_PARAMETERS = ("known",)
 """Parameters of ``identify`` that ``identify_servos`` has too, beside the logs."""
 _AUTO = "auto"
+"""Text of an option whose value is chosen by the program."""
 _HINT_ALL_LOGS = "Write: twistwrench identify ROBOT day1.csv day2.csv"
 _REMOVED = click.option("--add", "--information", "add", hidden=True, help="Give all logs at once.")
-"""Options of earlier versions, which are answered with the new way for one version."""
+"""Options of earlier versions; for one version, an error names the new way."""
 _FRICTION = Spelling(
     "--friction-model LAWS", text="Friction of each joint: viscous, coulomb, stribeck, offset, or none."
 )
@@ -81,16 +83,17 @@ def parse_known(texts: Sequence[str], flag: str = "--known") -> dict[str, float]
     known = dict[str, float]()
     for text in texts:
         name, equals_sign, value = (part.strip() for part in text.rpartition("="))
-        owner, _, kind = name.rpartition(".")
+        owner, _, kind = name.rpartition(".")  # link or joint, and kind of parameter
         if kind == "mass":
             kind = "m"
         number, _, unit = value.partition(" ")
         units = _KNOWN_UNITS.get(kind)
         if equals_sign and owner and units is None:
             raise UnknownNameError(f"{flag} {text!r}: {UnknownNameError.from_choices('parameter', kind, _KNOWN_UNITS)}")
+        is_complete = bool(equals_sign and owner)
         try:
-            if not equals_sign or not owner or units is None:
-                raise ValueError  # noqa: TRY301  answered as a text that is not a number
+            if not is_complete or units is None:
+                raise ValueError  # noqa: TRY301  the same message as for a text that is not a number
             known[f"{owner}.{kind}"] = float(number)
         except ValueError:
             raise ValueRangeError(
@@ -106,15 +109,18 @@ def parse_known(texts: Sequence[str], flag: str = "--known") -> dict[str, float]
 
 
 def _has_torques(found: Identified) -> bool:
+    """True for a result from torques, False for servos."""
     return isinstance(found, IdentifiedRobot)
 
 
 def _require_torque_result(found: Identified) -> IdentifiedRobot:
+    """The result itself, which is from torques."""
     assert isinstance(found, IdentifiedRobot), "servos have no groups of parameters"
     return found
 
 
 def _input_logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str, str]:
+    """Files of the logs, by argument."""
     return {f"LOG {path}": str(path) for path in log_paths([*logs, *test], source)}
 
 
@@ -198,74 +204,79 @@ def identify_command(
     if add is not None:
         raise ValueRangeError(f"--add and --information are gone: give all logs at once. {_HINT_ALL_LOGS}")
     _refuse_files_of_payload(payload_only, outputs.flags)
-    fitted = [str(path) for path in log_paths(logs, robot.source)]
-    predicted = [str(path) for path in log_paths(test, robot.source)]
-    column_by_name = shared.parse_columns(columns, [*fitted, *predicted])
+    fitted_logs = [str(path) for path in log_paths(logs, robot.source)]
+    predicted_logs = [str(path) for path in log_paths(test, robot.source)]
+    column_by_name = shared.parse_columns(columns, [*fitted_logs, *predicted_logs])
     if command_hold is not None and not from_commands:
         raise ValueRangeError("--command-hold belongs to --from-commands. Add it, or leave it out.")
-    held = None
+    joints_to_lock = None
     if lock_missing:
-        first_log = open_motion_file(fitted[0], topic, episode)
-        held = partial(joints_without_column, first_log, columns=column_by_name)
-    arm, locked = replace(robot, actuators=None).load_and_locked(held=held)
+        first_log = open_motion_file(fitted_logs[0], topic, episode)
+        joints_to_lock = partial(joints_without_column, first_log, columns=column_by_name)
+    arm, locked = replace(robot, actuators=None).load_and_locked(held=joints_to_lock)
     if from_commands:
         reading = {
             "columns": column_by_name, "rate": rate, "degrees": robot.degrees, "topic": topic, "episode": episode,
         }  # fmt: skip
-        servos = _identify_servos(arm, fitted, predicted, command_hold or "auto", reading, asked)
-        _plan_files(servos, outputs, robot, fitted, force=force)
+        servos = _identify_servos(arm, fitted_logs, predicted_logs, command_hold or "auto", reading, asked)
+        _plan_files(servos, outputs, robot, fitted_logs, force=force)
         return servos
-    arm, side = _with_motors(arm, locked, robot, writes_actuators=bool(outputs.path_of("--out-actuators")))
+    writes_actuators = bool(outputs.path_of("--out-actuators"))
+    arm, gear_side = _with_motors(arm, locked, robot, writes_actuators=writes_actuators)
     gains = shared.current_gains(gain, arm.model, robot.drives, of_side=True)
     with progress_bar("identifying") as progress, workers_of(workers, scheduler) as team:
         found = identify(
-            arm, fitted, test=predicted, motor_side=side, payload_only=payload_only, columns=column_by_name, rate=rate,
-            gain=gains, topic=topic, episode=episode, client=team.client, progress=progress, **asked,
+            arm, fitted_logs, test=predicted_logs, motor_side=gear_side, payload_only=payload_only, columns=column_by_name,
+            rate=rate, gain=gains, topic=topic, episode=episode, client=team.client, progress=progress, **asked,
         )  # fmt: skip
-    _plan_files(found, outputs, robot, fitted, force=force)
+    _plan_files(found, outputs, robot, fitted_logs, force=force)
     return found
 
 
 def _identify_servos(
     robot: Robot, logs: Sequence[str], test: Sequence[str], hold: CommandHold, reading: dict[str, Any], asked: Asked
 ) -> IdentifiedServos:
-    """Servos from logs of commands and positions."""
-    ignored = [name for name in asked if name not in _SERVO_PARAMETERS]
-    if ignored:
-        raise ValueRangeError(f"--{ignored[0].replace('_', '-')} is for torques. Leave it out with --from-commands.")
-    fitted = [Motion.from_file(path, robot, **reading) for path in logs]
-    predicted = [Motion.from_file(path, robot, **reading) for path in test]
+    """Servos from logs of commands and positions; ``asked`` are the options that the user has set."""
+    options_for_torques = [name for name in asked if name not in _SERVO_PARAMETERS]
+    if options_for_torques:
+        flag = f"--{options_for_torques[0].replace('_', '-')}"
+        raise ValueRangeError(f"{flag} is for torques. Leave it out with --from-commands.")
+    fitted_motions = [Motion.from_file(path, robot, **reading) for path in logs]
+    predicted_motions = [Motion.from_file(path, robot, **reading) for path in test]
     with progress_bar("identifying") as progress:
-        return identify_servos(robot, fitted, test=predicted, hold=hold, progress=progress, **asked)
+        return identify_servos(robot, fitted_motions, test=predicted_motions, hold=hold, progress=progress, **asked)
 
 
 def _refuse_files_of_payload(frame: str | None, outputs: Sequence[str]) -> None:
-    """Raise ValueRangeError if an output is requested that does not exist for a payload alone."""
-    refused = [name for name in outputs if name not in ("--json", "--csv")]
-    if frame is not None and refused:
-        raise ValueRangeError(f"{refused[0]} with --payload-only: a payload is not a robot. --json writes it.")
+    """Raise ValueRangeError if the payload at ``frame`` is fitted alone, and one of the outputs needs a robot."""
+    robot_outputs = [name for name in outputs if name not in ("--json", "--csv")]
+    if frame is not None and robot_outputs:
+        raise ValueRangeError(f"{robot_outputs[0]} with --payload-only: a payload is not a robot. --json writes it.")
 
 
 def _with_motors(
     robot: Robot, locked: Sequence[str], options: RobotOptions, *, writes_actuators: bool
 ) -> tuple[Robot, Any]:
-    """Robot with the couplings of its motors, and the gear side of the logged quantities, by the actuator file."""
-    file = options.drives
-    if file is None:
+    """Robot with the couplings of its motors, and the gear side of the logged quantities, by the actuator file.
+
+    Without such a file, the side is None. ``locked`` are joints that the file may name, too.
+    """
+    actuator_file = options.drives
+    if actuator_file is None:
         return robot, None
-    couplings = read_log_side(robot.model, file).couplings
+    couplings = read_log_side(robot.model, actuator_file).couplings
     drive_names = [*robot.model.velocity_names, *locked]
     for coupling in couplings:
         drive_names += coupling.motors
-    for name in file.entries.get("actuators") or ():
+    for name in actuator_file.entries.get("actuators") or ():
         if name not in drive_names:
-            raise UnknownNameError(f"{file}: {UnknownNameError.from_choices('joint', name, drive_names)}")
-    side = motor_side(robot.model, file)
+            raise UnknownNameError(f"{actuator_file}: {UnknownNameError.from_choices('joint', name, drive_names)}")
+    gear_side = motor_side(robot.model, actuator_file)
     if couplings and writes_actuators:
         raise ValueRangeError(f"--out-actuators: {OF_COUPLED_MOTORS}; --json has the results.")
-    if side.names:
-        return robot, side
-    return Robot(with_couplings(robot.model, couplings)), side
+    if gear_side.names:  # the log has quantities of motors, so the robot stays one of joints
+        return robot, gear_side
+    return Robot(with_couplings(robot.model, couplings)), gear_side
 
 
 def _plan_files(
@@ -276,7 +287,10 @@ def _plan_files(
     *,
     force: bool,
 ) -> None:
-    """Plan to write the robot and its actuators together, as each has notes on the other; neither after LOOK AGAIN."""
+    """Plan to write the robot and its actuators together, as each has notes on the other.
+
+    After LOOK AGAIN neither is written, unless ``force`` is set.
+    """
     robot_path = outputs.path_of("--out") or None
     actuators_path = outputs.path_of("--out-actuators") or None
     if found.verdict.word is Word.LOOK_AGAIN and not force:
@@ -285,10 +299,10 @@ def _plan_files(
         outputs.leave_out_all_but("--json", "--plot")
         return
     actuator_entries: Mapping[str, object] | None = None if robot.drives is None else robot.drives.entries
-    log_names = []
+    log_names = []  # without folders
     for log in logs:
-        parts = [Path(part).name for part in log.split("+")]
-        log_names.append("+".join(parts))
+        file_names = [Path(part).name for part in log.split("+")]
+        log_names.append("+".join(file_names))
 
     def write_both(found: Identified, path: str) -> None:
         if path != (robot_path or actuators_path):  # called for each of both paths; the first call writes both

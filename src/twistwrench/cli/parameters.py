@@ -34,6 +34,7 @@ class FunctionParameter:
     annotation: str
     default: Any
     text: str
+    """Description."""
 
     @property
     def flag(self) -> str:
@@ -42,18 +43,18 @@ class FunctionParameter:
 
 
 def parameters_of(function: Callable[..., Any]) -> dict[str, FunctionParameter]:
-    """Parameters by name, with the descriptions in the docstring's section ``Parameters``.
+    """Parameters of a function by name, with their descriptions from the docstring's section ``Parameters``.
 
     >>> from twistwrench import check
     >>> parameters_of(check)["clearance"]
     FunctionParameter(name='clearance', annotation='Metres', default=None, text='Check the least distance between links [m].')
     """
-    texts = _descriptions(inspect.getdoc(function) or "")
+    descriptions = _descriptions(inspect.getdoc(function) or "")
     signature = inspect.signature(function).parameters
     parameters = {}
     for name, parameter in signature.items():
         annotation = str(parameter.annotation).removesuffix(" | None")
-        text = _with_flags(texts.get(name, ""), signature)
+        text = _with_flags(descriptions.get(name, ""), signature)
         parameters[name] = FunctionParameter(name, annotation, parameter.default, text)
     return parameters
 
@@ -64,19 +65,19 @@ def _descriptions(docstring: str) -> dict[str, str]:
     if section is None:
         return {}
     descriptions: dict[str, str] = {}
-    for entry in re.split(r"\n(?=\S)", section[1]):
-        head, *lines = entry.split("\n")
-        names, _, type_and_words = head.partition(" : ")
-        words = " ".join(map(str.strip, lines)) or _without_type(type_and_words)
-        text = re.sub(r":\w+:`(?:[^`<]*<)?~?([^`>]*)>?`", r"\1", words)  # a role of Sphinx becomes its name
-        if text:
-            text = f"{text[:1].upper()}{text[1:].rstrip('.')}."
-        descriptions |= dict.fromkeys(names.split(", "), text)
+    for entry in re.split(r"\n(?=\S)", section[1]):  # an entry begins with each line that is not indented
+        first_line, *indented_lines = entry.split("\n")
+        names, _, type_and_words = first_line.partition(" : ")
+        words = " ".join(map(str.strip, indented_lines)) or _without_type(type_and_words)
+        description = re.sub(r":\w+:`(?:[^`<]*<)?~?([^`>]*)>?`", r"\1", words)  # a role of Sphinx becomes its name
+        if description:
+            description = f"{description[:1].upper()}{description[1:].rstrip('.')}."
+        descriptions |= dict.fromkeys(names.split(", "), description)
     return descriptions
 
 
 def _with_flags(text: str, parameters: Container[str]) -> str:
-    """Description with options in place of parameters between backticks."""
+    """Description without backticks, in which parameters between them have become options."""
 
     def replacement(quoted: re.Match[str]) -> str:
         if quoted[1] in parameters:
@@ -87,9 +88,9 @@ def _with_flags(text: str, parameters: Container[str]) -> str:
 
 
 def _without_type(type_and_words: str) -> str:
-    """Words after the type, such as ``float, optional,``."""
-    _, optional, words = type_and_words.partition(", optional, ")
-    if optional:
+    """Words after the type, which ends with its first comma, or with ``, optional,``."""
+    _, separator, words = type_and_words.partition(", optional, ")
+    if separator:
         return words
     return type_and_words.partition(", ")[2]
 
@@ -104,12 +105,13 @@ class Kind:
     form: str
     """Placeholder."""
     parse: Callable[[Any, str], Any] = lambda value, _flag: value
-    """Function of the text and the flag that returns the value."""
+    """Function of the option's text and its flag, such as ``--tip``, that returns the value."""
     settings: Mapping[str, Any] | None = None
     """Further arguments of click.Option."""
     is_file: bool = False
+    """True if the value is the name of a file."""
     bundled: tuple[str, str] | None = None
-    """Ending and name of the file that ``demo`` means, beside a bundled robot."""
+    """If ``demo`` is the file of a bundled robot: ending of its name, and its kind for messages."""
 
 
 def _vector(text: str, flag: str) -> list[float]:
@@ -118,7 +120,7 @@ def _vector(text: str, flag: str) -> list[float]:
 
 
 def several(texts: Sequence[str], _flag: str) -> list[str] | None:
-    """Texts of an option that may be repeated; None without any, so that the default applies."""
+    """Texts of an option that may be repeated; None if there are none, so that the default applies."""
     return list(texts) or None
 
 
@@ -144,7 +146,8 @@ def _positions(texts: Iterable[str], flag: str) -> dict[str, float]:
 def _macro_arguments(texts: Sequence[str], flag: str) -> dict[str, str]:
     """Arguments of a xacro file; empty if the option has no value."""
     arguments = {}
-    for text in filter(None, map(str.strip, texts)):
+    stripped_texts = map(str.strip, texts)
+    for text in filter(None, stripped_texts):
         name, equals_sign, value = text.partition(":=")
         if not name or not equals_sign:
             raise ValueRangeError(
@@ -214,10 +217,16 @@ _KINDS = {
     "Sequence[str | Path]": Kind("FOLDER", settings=REPEATED),
 }
 """Forms by annotation. A bool is a flag, and a Literal a choice."""
-_OF_READING = frozenset({"columns", "gain", "rate", "topic", "episode", "plan"})
-_OF_ROBOT = frozenset({"lock", "actuators", "tip", "degrees"})
+_LOG_PARAMETERS = frozenset({"columns", "gain", "rate", "topic", "episode", "plan"})
+"""Parameters for which all commands that read logs have options of their own."""
+_ROBOT_PARAMETERS = frozenset({"lock", "actuators", "tip", "degrees"})
+"""Parameters for which all commands that load robots have options of their own."""
 _ARGUMENTS = frozenset({"robot", "motion", "log", "logs", "measurements", "self"})
-_NOT_OPTIONS = frozenset({*_ARGUMENTS, "progress", "draws", "max_bodies", "overwrite", *_OF_READING, *_OF_ROBOT})
+"""Parameters that are arguments of commands."""
+_PYTHON_PARAMETERS = frozenset({"progress", "draws", "max_bodies", "overwrite"})
+"""Other parameters without an option."""
+_NOT_OPTIONS = _ARGUMENTS | _PYTHON_PARAMETERS | _LOG_PARAMETERS | _ROBOT_PARAMETERS
+"""Parameters that do not become options of the command alone."""
 
 
 @dataclass(frozen=True)
@@ -225,8 +234,9 @@ class Spelling:
     """Option that is not spelled like its parameter: its form, its values by text, and its help."""
 
     form: str
+    """Option and placeholder."""
     values: Mapping[str, Any] | None = None
-    """Values by text; a flag has one value, with the text ``""``."""
+    """Values by text of the option; a flag has one value, with the text ``""``."""
     text: str = ""
     """Help, if the parameter's description does not fit."""
     opposite: tuple[str, str] | None = None
@@ -288,15 +298,18 @@ class Question:
     @cached_property
     def options(self) -> list[FunctionParameter]:
         """Parameters that become options of the command alone."""
-        names = {name for name in self.parameters if name in self._kept or name not in _NOT_OPTIONS}
-        return [parameter for name, parameter in self.parameters.items() if name in names]
+        options = []
+        for name, parameter in self.parameters.items():
+            if name in self._kept or name not in _NOT_OPTIONS:
+                options.append(parameter)
+        return options
 
     def choices(self, parameter: FunctionParameter) -> tuple[str, ...]:
         """Values of an annotation that is a Literal, or a union with a Literal; empty for other parameters."""
         annotation = self._type(parameter)
-        for kind in (annotation, *get_args(annotation)):
-            if get_origin(kind) is Literal:
-                return get_args(kind)
+        for member in (annotation, *get_args(annotation)):  # of a union
+            if get_origin(member) is Literal:
+                return get_args(member)
         return ()
 
     def _type(self, parameter: FunctionParameter) -> Any:
@@ -311,7 +324,10 @@ class Question:
         return "" in spelling.values
 
     def declarations(self, cls: type[click.Option] = click.Option) -> Iterator[Decorator]:
-        """Options in the order of the signature. An option that is not given is None or empty: the default applies."""
+        """Options in the order of the signature.
+
+        The value of an option that is not given is None or empty, so that the function's default applies.
+        """
         for parameter in self.options:
             yield self._declaration(parameter, cls)
             spelling = self.spellings.get(parameter.name)
@@ -338,14 +354,16 @@ class Question:
             if parameter.annotation == "bool" and parameter.default:
                 text = f"Do not {text[:1].lower()}{text[1:]}"
             return option(form, text, parameter.name, cls=cls)
-        if parameter.default not in (None, (), "", inspect.Parameter.empty) and not own_values:
+        has_shown_default = parameter.default not in (None, (), "", inspect.Parameter.empty)
+        if has_shown_default and not own_values:
             text += f" [default: {_printed(parameter.default)}]"
         settings: dict[str, Any] = {"required": parameter.default is inspect.Parameter.empty}
         choices = own_values or self.choices(parameter)
         if choices:
             settings["choices"] = choices
             annotation = self._type(parameter)
-            if get_args(annotation) and get_origin(annotation) is not Literal:  # a Literal or a sequence of it
+            is_union = get_args(annotation) and get_origin(annotation) is not Literal
+            if is_union:  # of a Literal and a sequence of it
                 settings |= REPEATED
         else:
             assert kind is not None, parameter
@@ -355,29 +373,30 @@ class Question:
         return option(form, text, parameter.name, cls=cls, **settings)
 
     def values(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Values of the options that are given, by parameter; ``demo`` is a file of the robot."""
+        """Values of the options that the user has set, by parameter; ``given`` has what click passes for all options."""
         values: dict[str, Any] = {}
         for parameter in self.options:
             spelling = self.spellings.get(parameter.name)
             value = given[parameter.name]
             is_unset_flag = self._is_flag(parameter) and value is False
-            is_given = value is not None and value != () and not is_unset_flag
+            is_set = value is not None and value != () and not is_unset_flag
             if spelling is not None and spelling.opposite is not None and given[_opposite_name(parameter)]:
-                if is_given:
+                if is_set:
                     raise ValueRangeError(
                         f"{spelling.form} and {spelling.opposite[0]} contradict each other. Leave one of them out."
                     )
                 values[parameter.name] = False
-            elif is_given:
+            elif is_set:
                 values[parameter.name] = self._value(parameter, value, given)
         return values
 
     def _value(self, parameter: FunctionParameter, value: Any, given: Mapping[str, Any]) -> Any:
-        """Value of a parameter whose option is given."""
+        """Value of a parameter whose option is set to ``value``."""
         spelling = self.spellings.get(parameter.name)
         kind = self.kinds.get(parameter.annotation)
         if spelling is not None and spelling.values:
-            return spelling.values["" if value is True else value]
+            text = "" if value is True else value  # a flag
+            return spelling.values[text]
         if parameter.annotation == "bool":
             return not parameter.default
         if parameter.annotation == "LoadsGiven":
@@ -389,7 +408,7 @@ class Question:
         return kind.parse(value, parameter.flag)
 
     def files(self, values: Mapping[str, Any]) -> dict[str, str]:
-        """Files that the function reads, by option."""
+        """Names of the files that the function reads, by option."""
         files = {}
         for parameter in self.options:
             kind = self.kinds.get(parameter.annotation)

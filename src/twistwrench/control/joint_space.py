@@ -24,18 +24,21 @@ class JointLaw:
     reference: Reference
     """q_d (nq,), or a function of the time [s] that returns (q_d, dq_d, ddq_d), such as a trajectory."""
     kp: ArrayLike
-    """Scalar, (nv,), or (nv, nv)."""
+    """Position gains: scalar, (nv,), or (nv, nv)."""
     kd: ArrayLike
-    """Scalar, (nv,), or (nv, nv)."""
+    """Velocity gains: scalar, (nv,), or (nv, nv)."""
     _kp: Array = field(init=False, repr=False)
+    """Kp (nv, nv)."""
     _kd: Array = field(init=False, repr=False)
+    """Kd (nv, nv)."""
     _motion: Motion = field(init=False, repr=False)
+    """Function of the time that returns q_d, dq_d and ddq_d."""
 
     def __post_init__(self) -> None:
-        what = type(self).__name__
-        robot = require_driven(self.robot, what)
+        law_name = type(self).__name__
+        robot = require_driven(self.robot, law_name)
         set_gains(self, robot.model.velocity_names, "kp", "kd")
-        object.__setattr__(self, "_motion", joint_motion(robot, self.reference, f"{what}: reference"))
+        object.__setattr__(self, "_motion", joint_motion(robot, self.reference, f"{law_name}: reference"))
 
     def error(self, t: float, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
         """Tracking error: e = q_d - q and dq_d - dq.
@@ -56,7 +59,7 @@ class JointLaw:
         return self.robot.subtract(q_d, q), dq_d - dq
 
     def batch_law(self, robot: Robot, times: Array) -> BatchPD | BatchComputedTorque:
-        """The same law for the motions of a rollout.
+        """Form of this law for the motions of a rollout.
 
         Parameters
         ----------
@@ -74,18 +77,19 @@ class JointLaw:
         >>> PD(arm, [0.5, 0.5], kp=100.0, kd=20.0).batch_law(arm, np.arange(3.0)).kp.tolist()
         [100.0, 100.0]
         """
-        what = type(self).__name__
+        law_name = type(self).__name__
         if robot.model is not self.robot.model:
             raise ValueRangeError(
-                f"{what} was made with the robot {self.robot.name!r}, and the rollout is of "
+                f"{law_name} was made with the robot {self.robot.name!r}, and the rollout is of "
                 f"another, {robot.name!r}. Make the control law with the robot that it moves; "
                 "rollout(parameters=…) changes the simulated robot, not the model inside the law."
             )
-        kp, kd = np.diagonal(self._kp), np.diagonal(self._kd)
+        kp = np.diagonal(self._kp)
+        kd = np.diagonal(self._kd)
         are_diagonal = np.array_equal(self._kp, np.diag(kp)) and np.array_equal(self._kd, np.diag(kd))
         if not are_diagonal:
             raise ValueRangeError(
-                f"{what}: gains of a rollout are a number for each joint, and these couple joints. "
+                f"{law_name}: gains of a rollout are a number for each joint, and these couple joints. "
                 "robot.simulate takes them."
             )
         is_moving = callable(self.reference) or hasattr(self.reference, "motion")
@@ -98,7 +102,7 @@ class JointLaw:
         return self._law({"q_des": q_d, "dq_des": dq_d, "ddq_des": ddq_d, "kp": kp, "kd": kd})
 
     def _law(self, values: dict[str, Array]) -> BatchPD | BatchComputedTorque:
-        """The law, from reference and gains in the form of a rollout."""
+        """Law of a rollout from ``values``, its reference and gains by name."""
         raise NotImplementedError
 
 
@@ -118,7 +122,7 @@ class PD(JointLaw):
     """
 
     gravity: bool = True
-    """True to add g and the torques of springs; otherwise the joint rests where Kp e balances them."""
+    """True to add g and the torques of springs; otherwise a joint rests where Kp e balances these torques."""
 
     @property
     def rate_gains(self) -> Array | None:

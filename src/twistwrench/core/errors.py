@@ -61,6 +61,10 @@ __all__ = [
 ]
 
 
+_MAX_LISTED_CHOICES = 40
+"""Largest number of known names in a message."""
+
+
 class HintedClass(type):
     """Metaclass of public classes. The error for a missing attribute (``Robot.from_urdf``) names the call to use instead."""
 
@@ -103,12 +107,12 @@ class TwistWrenchError(Exception):
         return self._message(shell=True)
 
     def _message(self, *, shell: bool | None = None) -> str:
-        """Message with its arguments spelled for the shell or for Python; if None, for the one that the caller uses."""
-        # The text of a KeyError would be the repr of its argument, with quotes and escapes.
-        # Names from a file may have thousands of characters, among them some that control a terminal.
+        """Message with its arguments spelled for the shell or for Python; with None, for the one that runs the program."""
+        # bounded and visible: names from a file may have thousands of characters, some of which control a terminal
         text, *arguments = self.args or ("",)
         if not all(isinstance(argument, Argument) for argument in arguments):
             return bounded_message(visible(super().__str__()))
+        # not super().__str__(), which for a KeyError is the repr of its text, with quotes and escapes
         return bounded_message(visible(with_arguments(str(text), arguments, shell=shell)))
 
 
@@ -142,7 +146,7 @@ class UnknownNameError(TwistWrenchError, KeyError):
         Parameters
         ----------
         kind : str, kind of the name
-        name : the given name
+        name : the unknown name
         choices : iterable of str
         similarity : float, least similarity of a suggested name, 0 to 1
 
@@ -161,7 +165,8 @@ class UnknownNameError(TwistWrenchError, KeyError):
         if similar_names:
             suggestions = " or ".join(repr(shorten(similar_name)) for similar_name in similar_names)
             hint = f" Did you mean {suggestions}?"
-        return cls(f"no {kind} named {shorten(repr(name))}.{hint} Known: {listed(known_names, 40) or '(none)'}.")
+        choices_text = listed(known_names, _MAX_LISTED_CHOICES) or "(none)"
+        return cls(f"no {kind} named {shorten(repr(name))}.{hint} Known: {choices_text}.")
 
 
 class FrameError(TwistWrenchError, ValueError):
@@ -223,8 +228,8 @@ class MissingExtraError(TwistWrenchError, ImportError):
         Parameters
         ----------
         package : str
-        extra : str, that installs it
-        purpose : str, of the package
+        extra : str, extra that installs the package
+        purpose : str, what the package is needed for
 
         Examples
         --------

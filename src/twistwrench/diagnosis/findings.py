@@ -25,7 +25,7 @@ from ..mechanics.model.model import BASE, Model
 
 
 class Severity(StrEnum):
-    """Severity of a finding."""
+    """Severity of a finding of the doctor."""
 
     ERROR = "error"
     """The part is physically impossible or cannot be read."""
@@ -47,9 +47,9 @@ class Effect:
     inertia_percent : float, change of a diagonal entry of the mass matrix, in percent of the repaired robot's
     inertia_joint : str, joint of that entry; empty without a change
     torque : float, change of a gravity torque or force [N m or N]
-    torque_joint : str
+    torque_joint : str, joint of that torque; empty without a change
     effort_percent : float, change of a gravity torque in percent of the effort limit; 0 without a limit
-    effort_joint : str
+    effort_joint : str, joint of that limit; empty without one
 
     Examples
     --------
@@ -72,10 +72,10 @@ class Effect:
                 extent = "to next to nothing"
             changes.append(f"M of {self.inertia_joint} {extent}")
         if self.torque_joint:
-            change = f"g of {self.torque_joint} by {number(self.torque, 3)}"
+            torque_change = f"g of {self.torque_joint} by {number(self.torque, 3)}"
             if self.effort_joint:
-                change += f", {_percent_text(self.effort_percent)} of the effort of {self.effort_joint}"
-            changes.append(change)
+                torque_change += f", {_percent_text(self.effort_percent)} of the effort of {self.effort_joint}"
+            changes.append(torque_change)
         return "; ".join(changes) or "none"
 
     def reaches(self, percent: float, effort: float = 1.0) -> bool:
@@ -83,8 +83,8 @@ class Effect:
 
         Parameters
         ----------
-        percent : float, of the entry of M
-        effort : float, of the effort limit
+        percent : float, percentage of the entry of M
+        effort : float, percentage of the effort limit
 
         Examples
         --------
@@ -101,7 +101,7 @@ class FileRepair:
     Attributes
     ----------
     kind : str, "slip" for a single entry error, "nearest", "entropic", "shape", "mirror", "number" or "advice"
-    sentence : str
+    sentence : str, reason
     inertias : {link: SpatialInertia}, repaired inertias about the link's origin
     edits : numbers of the file to change; empty if nothing is written
     metric : str, metric of "nearest"
@@ -144,14 +144,15 @@ class Finding:
     collective: bool = False
 
     def __str__(self) -> str:
+        place = self.where
         line = line_text(self)
         if line:
-            line = f" ({line})"
-        return f"{self.severity}: {self.where}{line}: {self.sentence}"
+            place += f" ({line})"
+        return f"{self.severity}: {place}: {self.sentence}"
 
 
 def line_text(finding: Finding) -> str:
-    """Line of a finding, after the name of an included file; empty if the line is unknown."""
+    """``line 7`` of a finding, after the name of its file if that is an included one; empty if the line is unknown."""
     if not finding.line:
         return ""
     line = f"line {finding.line}"
@@ -172,7 +173,7 @@ CONFIGURATIONS = 200
 _MAX_POSE_STEPS = 3_000_000
 """Largest product of configurations and the sum of all bodies' depths; above it, fewer configurations are used."""
 _MAX_ROUNDING_ERROR = 1e-9
-"""Relative changes below this are rounding errors."""
+"""Relative change up to which it is a rounding error."""
 
 
 class Effects:
@@ -183,10 +184,12 @@ class Effects:
         depths = {BASE: 0}
         for i, body in enumerate(model.bodies):
             depths[i] = 1 + depths[body.parent]
-        affordable = _MAX_POSE_STEPS // max(1, sum(depths.values()))
-        self.count = int(np.clip(affordable, 1, count))
+        max_count = _MAX_POSE_STEPS // max(1, sum(depths.values()))
+        self.count = int(np.clip(max_count, 1, count))
+        """Number of configurations."""
         self.q = random_configuration(model, np.random.default_rng(seed), (self.count,))
         self._screws_of: dict[int, list[tuple[int, Array]]] = {}
+        """Result of :meth:`_screws` by body."""
 
     def evaluate(self, changes: Mapping[str, SpatialInertia]) -> Effect:
         """Effect of changed inertias of links, each about its link's origin."""
@@ -196,98 +199,106 @@ class Effects:
             if frame.body == BASE:
                 continue
             change = (inertia - self.model.link_inertias[link]).in_frame(frame.pose)
-            earlier = pseudo_inertia_changes.get(frame.body, 0.0)
-            pseudo_inertia_changes[frame.body] = earlier + change.pseudo_inertia
+            earlier_change = pseudo_inertia_changes.get(frame.body, 0.0)
+            pseudo_inertia_changes[frame.body] = earlier_change + change.pseudo_inertia
         if not pseudo_inertia_changes:
             return Effect()
-        columns, dM, dg = self._sums(pseudo_inertia_changes)
-        return self._largest(columns, dM, dg)
+        velocities, dM, dg = self._sums(pseudo_inertia_changes)
+        return self._largest(velocities, dM, dg)
 
-    def _largest(self, columns: Array, dM: Array, dg: Array) -> Effect:
-        """Largest effect of changes dM and dg (count, k) of the velocities with the numbers ``columns`` (k,)."""
-        if not len(columns):
+    def _largest(self, velocities: Array, dM: Array, dg: Array) -> Effect:
+        """Largest effect of changes dM and dg (count, k) at the velocities with the indices ``velocities`` (k,)."""
+        if not len(velocities):
             return Effect()
-        names = [self.model.velocity_names[k] for k in columns]
+        names = [self.model.velocity_names[k] for k in velocities]
         effect = Effect()
-        M = self.diagonal[:, columns]
-        # The repaired entry, kept above rounding errors, as a repair may leave almost no inertia.
-        new = np.maximum(M + dM, _MAX_ROUNDING_ERROR * np.maximum(np.abs(M), np.abs(dM)) + 1e-300)
-        percents = 100.0 * (np.abs(dM) / new).max(axis=0)
-        k = int(percents.argmax())
-        max_percent = float(percents[k])
+        M = self.diagonal[:, velocities]
+        # above rounding errors, as a repair may leave almost no inertia
+        rounding_errors = _MAX_ROUNDING_ERROR * np.maximum(np.abs(M), np.abs(dM)) + 1e-300
+        repaired_M = np.maximum(M + dM, rounding_errors)
+        inertia_percents = 100.0 * (np.abs(dM) / repaired_M).max(axis=0)
+        most_changed = int(inertia_percents.argmax())
+        max_percent = float(inertia_percents[most_changed])
         if max_percent > 100.0 * _MAX_ROUNDING_ERROR:
-            effect = replace(effect, inertia_percent=max_percent, inertia_joint=names[k])
+            effect = replace(effect, inertia_percent=max_percent, inertia_joint=names[most_changed])
         torques = np.abs(dg).max(axis=0)
-        k = int(torques.argmax())
-        max_torque = float(torques[k])
-        if max_torque > _MAX_ROUNDING_ERROR * np.abs(self.gravity_torques).max(initial=0.0):
-            effect = replace(effect, torque=max_torque, torque_joint=names[k])
-            effort_percents = self._effort_percents(torques, columns)
-            k = int(effort_percents.argmax())
-            max_effort_percent = float(effort_percents[k])
+        most_torque = int(torques.argmax())
+        max_torque = float(torques[most_torque])
+        largest_gravity_torque = np.abs(self.gravity_torques).max(initial=0.0)
+        if max_torque > _MAX_ROUNDING_ERROR * largest_gravity_torque:
+            effect = replace(effect, torque=max_torque, torque_joint=names[most_torque])
+            effort_percents = self._effort_percents(torques, velocities)
+            most_effort = int(effort_percents.argmax())
+            max_effort_percent = float(effort_percents[most_effort])
             if max_effort_percent > 0:
-                effect = replace(effect, effort_percent=max_effort_percent, effort_joint=names[k])
+                effect = replace(effect, effort_percent=max_effort_percent, effort_joint=names[most_effort])
         return effect
 
-    def _effort_percents(self, torques: Array, columns: Array) -> Array:
-        """Torques (k,) in percent of the effort limits in the given columns; 0 without a limit."""
-        efforts = self.model.limits.effort[columns]
-        limited = np.isfinite(efforts) & (efforts > 0)
-        percents = np.zeros(len(columns))
-        percents[limited] = 100.0 * torques[limited] / efforts[limited]
+    def _effort_percents(self, torques: Array, velocities: Array) -> Array:
+        """Torques (k,) in percent of the effort limits of the velocities with the given indices (k,); 0 without a limit."""
+        efforts = self.model.limits.effort[velocities]
+        is_limited = np.isfinite(efforts) & (efforts > 0)
+        percents = np.zeros(len(velocities))
+        percents[is_limited] = 100.0 * torques[is_limited] / efforts[is_limited]
         return percents
 
     @cached_property
     def diagonal(self) -> Array:
         """Diagonal of M (count, nv), including armature."""
-        return self._totals[0] + self.model.armature
+        diagonal_of_bodies, _ = self._totals
+        return diagonal_of_bodies + self.model.armature
 
     @cached_property
     def gravity_torques(self) -> Array:
         """Gravity torques (count, nv), without springs."""
-        return self._totals[1]
+        _, gravity_torques = self._totals
+        return gravity_torques
 
     @cached_property
     def _totals(self) -> tuple[Array, Array]:
         """Diagonal of M without armature, and gravity torques, of all bodies; (count, nv) each."""
-        M, g = np.zeros((self.count, self.model.nv)), np.zeros((self.count, self.model.nv))
+        diagonal = np.zeros((self.count, self.model.nv))
+        gravity_torques = np.zeros((self.count, self.model.nv))
         inertias = {i: body.inertia.pseudo_inertia for i, body in enumerate(self.model.bodies)}
-        columns, M[:, columns], g[:, columns] = self._sums(inertias)
-        return M, g
+        velocities, M, g = self._sums(inertias)
+        diagonal[:, velocities] = M
+        gravity_torques[:, velocities] = g
+        return diagonal, gravity_torques
 
     def _sums(self, inertias: Mapping[int, Array]) -> tuple[Array, Array, Array]:
-        """Sums over bodies of tr([A] J [A]') and -g . ([A] J)_4, each (count, k), after the numbers (k,) of their velocities.
+        """Indices (k,) of velocities, and sums over bodies of tr([A] J [A]') and -g . ([A] J)_4, (count, k) each.
 
-        ``inertias`` are pseudo-inertias J in the frames of their bodies.
+        ``inertias`` are pseudo-inertias J by body, in the frames of the bodies.
         """
-        M: dict[int, Array] = {}
+        M: dict[int, Array] = {}  # by velocity
         g: dict[int, Array] = {}
         for i, inertia in inertias.items():
             T = self.poses[i]
             J = T @ inertia @ np.swapaxes(T, -1, -2)
-            for column, A in self._twists(i):
+            for k, A in self._twists(i):
                 AJ = A @ J
-                M[column] = M.get(column, 0.0) + np.einsum("cij,cij->c", AJ, A)
-                g[column] = g.get(column, 0.0) - AJ[:, :3, 3] @ self.model.gravity
+                M[k] = M.get(k, 0.0) + np.einsum("cij,cij->c", AJ, A)
+                g[k] = g.get(k, 0.0) - AJ[:, :3, 3] @ self.model.gravity
         shape = (-1, self.count)  # also without any velocity
-        columns = np.array(list(M), int)
-        return columns, np.reshape([*M.values()], shape).T, np.reshape([*g.values()], shape).T
+        velocities = np.array(list(M), int)
+        return velocities, np.reshape([*M.values()], shape).T, np.reshape([*g.values()], shape).T
 
     def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
-        """Columns of the velocities that move a body, with the twist (count, 4, 4) of a unit velocity."""
+        """Index of each velocity that moves a body, with the twist (count, 4, 4) of the body at unit velocity."""
         twists: dict[int, Array] = {}
         for i in ancestors(self.model, body):
-            for column, A in self._screws(i):
-                twists[column] = twists.get(column, 0.0) + A
+            for k, A in self._screws(i):
+                twists[k] = twists.get(k, 0.0) + A  # mimic joints share a velocity
         yield from twists.items()
 
     def _screws(self, body: int) -> list[tuple[int, Array]]:
-        """Columns of a body's joint, each with the joint's screw axis (count, 4, 4) in the base frame; kept."""
+        """Index of each velocity of a body's joint, with the screw axis (count, 4, 4) in the base frame; cached."""
         if body not in self._screws_of:
-            b, T = self.model.bodies[body], self.poses[body]
+            b = self.model.bodies[body]
+            T = self.poses[body]
             T_inverse = se3.inverse(T)
-            columns_and_axes = enumerate(b.joint.axes, start=b.v_index)
-            screws = [(column, T @ se3.hat(b.ratio * axis) @ T_inverse) for column, axis in columns_and_axes]
+            axes_by_velocity = enumerate(b.joint.axes, start=b.v_index)
+            screws = [(k, T @ se3.hat(b.ratio * axis) @ T_inverse) for k, axis in axes_by_velocity]
             self._screws_of[body] = screws
         return self._screws_of[body]
 
@@ -296,7 +307,8 @@ class Effects:
         """Poses (count, 4, 4) of the bodies in the base frame."""
         joint_poses = []
         for body in self.model.bodies:
-            coordinates = body.ratio * self.q[:, body.places[0]] + body.offset
+            coordinate_slice, _ = body.places
+            coordinates = body.ratio * self.q[:, coordinate_slice] + body.offset
             if body.joint.nq == 1:
                 T = se3.exp(coordinates * body.joint.axes[0])
             else:

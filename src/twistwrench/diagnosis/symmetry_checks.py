@@ -25,13 +25,19 @@ _MAX_COM_DISTANCE = 2e-3
 _MAX_TENSOR_DIFFERENCE = 0.05
 """Largest norm of the difference of tensors, as a fraction of the larger trace."""
 _MIN_MASS_SHARE = 1e-3
-"""Smallest mass of one of both links for a relevant difference, as a fraction of the robot's mass."""
+"""Mass of the heavier link from which a difference is relevant, as a fraction of the robot's mass."""
 _MIN_INERTIA_PERCENT = 0.5
 """Change of the mass matrix M [%] above which a difference is relevant."""
 _MIN_EFFORT_PERCENT = 0.2
 """Change of torque [% of the effort limit] above which a difference is relevant."""
 _MAX_NEARER_RATIO = 0.5
-"""Largest ratio of the distances of both centres of mass to those of their shapes at which the nearer one is credible."""
+"""Largest ratio, of the nearer centre of mass to the farther one, of their distances from the shapes' centres."""
+_MAX_BOX_GAP_SHARE = 0.05
+"""Largest gap between the boxes of mirrored shapes, as a share of their diagonal, in addition to the next one."""
+_MAX_BOX_GAP = 2e-3
+"""Largest gap between the boxes of mirrored shapes [m]."""
+_MILLI = 1e3
+"""Factor of metres for millimetres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +49,13 @@ class _Copy:
     link: ParsedLink
     """Link whose inertia changes."""
     inertia: SpatialInertia
+    """New inertia of the link."""
     effect: Effect
+    """Effect of the change."""
 
 
 def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
-    """Pairs of links with mirrored frames at zero, but without mirrored masses, centres of mass or tensors."""
+    """Findings on links whose frames are mirror images at zero, but not their masses, centres of mass or tensors."""
     for pair in symmetric_links(robot):
         left, right = pair.left.written, pair.right.written
         if left is None or right is None:
@@ -55,23 +63,30 @@ def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
         if not (left.mass > 0 and right.mass > 0):
             continue
         image_of_left = mirror_inertia(left.inertia, pair.D)
-        differences, numbers = _differences(right.inertia, image_of_left)
+        differences, difference_sizes = _differences(right.inertia, image_of_left)
         if not differences or _is_same_part(pair, left, right):
             continue
-        to_right = _Copy("left", pair.right, image_of_left, robot.effects.evaluate({pair.right.name: image_of_left}))
+        effect_on_right = robot.effects.evaluate({pair.right.name: image_of_left})
+        to_right = _Copy("left", pair.right, image_of_left, effect_on_right)
         image_of_right = mirror_inertia(right.inertia, pair.D.T)
-        to_left = _Copy("right", pair.left, image_of_right, robot.effects.evaluate({pair.left.name: image_of_right}))
+        effect_on_left = robot.effects.evaluate({pair.left.name: image_of_right})
+        to_left = _Copy("right", pair.left, image_of_right, effect_on_left)
         copy = _chosen_copy(to_right, to_left, options.mirror_from)
-        symmetric_parts = _parts_are_mirror_images(pair)
-        heavy = robot.heavy(pair.left, _MIN_MASS_SHARE) or robot.heavy(pair.right, _MIN_MASS_SHARE)
-        matters = symmetric_parts and heavy and copy.effect.reaches(_MIN_INERTIA_PERCENT, _MIN_EFFORT_PERCENT)
-        reservation = "" if symmetric_parts else "; one mesh serves both, or their shapes do not decide"
+        parts_are_images = _parts_are_mirror_images(pair)
+        is_heavy = robot.heavy(pair.left, _MIN_MASS_SHARE) or robot.heavy(pair.right, _MIN_MASS_SHARE)
+        is_relevant = parts_are_images and is_heavy and copy.effect.reaches(_MIN_INERTIA_PERCENT, _MIN_EFFORT_PERCENT)
+        reservation = "" if parts_are_images else "; one mesh serves both, or their shapes do not decide"
         yield Finding(
-            "mirror", Severity.WARNING if matters else Severity.NOTE,
-            f"links {pair.left.name!r} and {pair.right.name!r}", left.line,
-            f"they mirror each other, and their inertias do not: {'; '.join(differences)}{reservation}", numbers,
-            copy.effect, _mirror_repair(pair, copy, options.mirror_from, symmetric_parts), left.file,
-        )  # fmt: skip
+            check="mirror",
+            severity=Severity.WARNING if is_relevant else Severity.NOTE,
+            where=f"links {pair.left.name!r} and {pair.right.name!r}",
+            line=left.line,
+            sentence=f"they mirror each other, and their inertias do not: {'; '.join(differences)}{reservation}",
+            numbers=difference_sizes,
+            effect=copy.effect,
+            repair=_mirror_repair(pair, copy, options.mirror_from, parts_are_images),
+            file=left.file,
+        )
 
 
 def _is_same_part(pair: SymmetricLinks, left: WrittenInertia, right: WrittenInertia) -> bool:
@@ -88,7 +103,7 @@ def _chosen_copy(to_right: _Copy, to_left: _Copy, mirror_from: str) -> _Copy:
     return max(to_right, to_left, key=lambda copy: copy.effect.inertia_percent + copy.effect.effort_percent)
 
 
-def _mirror_repair(pair: SymmetricLinks, copy: _Copy, mirror_from: str, symmetric_parts: bool) -> FileRepair:
+def _mirror_repair(pair: SymmetricLinks, copy: _Copy, mirror_from: str, parts_are_images: bool) -> FileRepair:
     """Repair by a copy; it edits the file only if the user trusts a side and the parts are mirror images."""
     edits: tuple[Edit, ...] = ()
     if not mirror_from:
@@ -97,7 +112,7 @@ def _mirror_repair(pair: SymmetricLinks, copy: _Copy, mirror_from: str, symmetri
         sentence = f"the {copy.side} one, which cannot exist itself: repair it first"
     else:
         sentence = f"the {copy.side} one, mirrored"
-        if copy.link.written is not None and symmetric_parts:
+        if copy.link.written is not None and parts_are_images:
             edits = copy.link.written.edits(copy.inertia)
     return FileRepair("mirror", sentence, {copy.link.name: copy.inertia}, edits)
 
@@ -105,17 +120,17 @@ def _mirror_repair(pair: SymmetricLinks, copy: _Copy, mirror_from: str, symmetri
 def _evidence(pair: SymmetricLinks) -> str:
     """Sentence that names the side whose centre of mass is much nearer to the centre of its shapes, if there is one."""
     no_evidence = "the file does not determine which is meant"
-    left = _com_distance(pair.left)
-    right = _com_distance(pair.right)
-    if left is None or right is None:
+    left_distance = _com_distance(pair.left)
+    right_distance = _com_distance(pair.right)
+    if left_distance is None or right_distance is None:
         return no_evidence
-    nearer = min(left, right)
-    farther = max(left, right)
-    if nearer > _MAX_NEARER_RATIO * farther or farther - nearer < _MAX_COM_DISTANCE:
+    smaller = min(left_distance, right_distance)
+    larger = max(left_distance, right_distance)
+    if smaller > _MAX_NEARER_RATIO * larger or larger - smaller < _MAX_COM_DISTANCE:
         return no_evidence
-    side = "left" if left < right else "right"
-    distance = f"{number(1e3 * nearer, 2)} mm from theirs, not {number(1e3 * farther, 2)}"
-    return f"the shapes speak for the {side} one, whose centre of mass is {distance}"
+    side = "left" if left_distance < right_distance else "right"
+    distance_text = f"{number(_MILLI * smaller, 2)} mm from theirs, not {number(_MILLI * larger, 2)}"
+    return f"the shapes speak for the {side} one, whose centre of mass is {distance_text}"
 
 
 def _com_distance(link: ParsedLink) -> float | None:
@@ -131,16 +146,18 @@ def mirror_inertia(inertia: SpatialInertia, D: Array) -> SpatialInertia:
 
 
 def _differences(inertia: SpatialInertia, image: SpatialInertia) -> tuple[list[str], Mapping[str, float]]:
-    """Texts of the differences of an inertia from the other side's mirror image that are too large; sizes of all."""
+    """Texts of too large differences of an inertia from the other side's mirror image, and the sizes of all differences."""
     mass_difference = abs(inertia.mass - image.mass) / max(inertia.mass, image.mass)
     com_distance = float(np.linalg.norm(inertia.com - image.com))
-    I, J = inertia.moment_about_com, image.moment_about_com
-    tensor_difference = float(np.linalg.norm(I - J) / max(I.trace(), J.trace(), 1e-300))
+    I = inertia.moment_about_com
+    I_image = image.moment_about_com
+    larger_trace = max(I.trace(), I_image.trace(), 1e-300)  # above 0, also for point masses
+    tensor_difference = float(np.linalg.norm(I - I_image) / larger_trace)
     texts = []
     if mass_difference > _MAX_MASS_DIFFERENCE:
         texts.append(f"masses {number(image.mass)} and {number(inertia.mass)} kg")
     if com_distance > _MAX_COM_DISTANCE:
-        texts.append(f"centres of mass {number(1e3 * com_distance, 3)} mm apart")
+        texts.append(f"centres of mass {number(_MILLI * com_distance, 3)} mm apart")
     if tensor_difference > _MAX_TENSOR_DIFFERENCE:
         texts.append(f"tensors {percent(tensor_difference, 2)} of their trace apart")
     sizes = {"mass_share": mass_difference, "com_distance": com_distance, "tensor_share": tensor_difference}
@@ -163,7 +180,7 @@ def _parts_are_mirror_images(pair: SymmetricLinks) -> bool:
         return True
     image_of_left = left.shapes.points @ pair.D.T
     points = right.shapes.points
-    tolerance = 0.05 * left.shapes.diagonal + 2e-3  # [m]
+    tolerance = _MAX_BOX_GAP_SHARE * left.shapes.diagonal + _MAX_BOX_GAP
     low_gaps = np.abs(image_of_left.min(axis=0) - points.min(axis=0))
     high_gaps = np.abs(image_of_left.max(axis=0) - points.max(axis=0))
     return bool(max(low_gaps.max(), high_gaps.max()) <= tolerance)

@@ -27,7 +27,7 @@ __all__ = ["read_sdf"]
 
 
 def with_text(element: Element) -> Element:
-    """Element with its text as the attribute ``text``, so that the checks of attributes apply to its numbers."""
+    """Element whose text is also its attribute ``text``, so that the checks of attributes apply to its numbers."""
     return element.with_attributes({**element.attributes, "text": element.content})
 
 
@@ -54,7 +54,7 @@ def _reference(element: Element | None, attribute: str) -> str:
 
 
 def inertial_of(inertial: Element | None) -> tuple[float, Array, Array]:
-    """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²].
+    """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²] in these axes.
 
     Default values of the format are 1 kg and 1 kg m² about every axis.
     """
@@ -102,15 +102,16 @@ def pose(element: Element | None) -> Array:
     T = np.eye(4)
     if element is None or not element.content.strip():
         return T
-    form = element.word("rotation_format", ("euler_rpy", "quat_xyzw"), "euler_rpy")
-    count = {"euler_rpy": 6, "quat_xyzw": 7}[form]
-    values = with_text(element).numbers("text", count)
+    rotation_format = element.word("rotation_format", ("euler_rpy", "quat_xyzw"), "euler_rpy")
+    value_count = {"euler_rpy": 6, "quat_xyzw": 7}[rotation_format]
+    values = with_text(element).numbers("text", value_count)
     T[:3, 3] = values[:3]
-    if form == "quat_xyzw":
+    if rotation_format == "quat_xyzw":
         xyzw = values[3:]
         if not xyzw.any():
             raise element.error("has a quaternion of zeros, which is not a rotation.")
-        T[:3, :3] = quaternion.rotation(np.roll(xyzw, 1))
+        wxyz = np.roll(xyzw, 1)
+        T[:3, :3] = quaternion.rotation(wxyz)
         return T
     rpy = values[3:]
     if element.attributes.get("degrees", "false").strip() in ("true", "1"):
@@ -127,7 +128,7 @@ WORLD = "world"
 
 @dataclass(eq=False)
 class SdfFrame:
-    """Frame of a link, a joint, a ``<frame>`` or a nested model. Names include those of enclosing models."""
+    """Frame of a link, a joint, a ``<frame>`` or a nested model. Names of frames begin with their enclosing models."""
 
     element: Element
     scope: str
@@ -135,30 +136,32 @@ class SdfFrame:
     T: Array
     """Pose (4, 4) in the frame ``relative_to``."""
     relative_to: str
+    """Name of the frame in which the pose is given."""
     attached_to: str
-    """Name of the frame to which this one is fixed; for a link its own name."""
+    """Name of the frame to which this frame is fixed; for a link its own name."""
 
 
 @dataclass(eq=False)
 class SdfModel:
-    """Content of a model, with nested models expanded."""
+    """Content of a model and of its nested models, by name."""
 
     frames: dict[str, SdfFrame] = field(default_factory=dict)
+    """Frames of all kinds."""
     links: dict[str, Element] = field(default_factory=dict)
     joints: dict[str, Element] = field(default_factory=dict)
     named: dict[str, Element] = field(default_factory=dict)
-    """The ``<frame>`` elements, by name."""
+    """The ``<frame>`` elements."""
     _poses: dict[str, Array] = field(default_factory=dict)
-    """Poses of frames in the model's frame, as far as they were computed."""
+    """Poses of frames in the model's frame, as far as they are computed."""
     _carriers: dict[str, str] = field(default_factory=dict)
-    """Names of the frames' links, as far as they were found."""
+    """Names of the links to which frames are fixed, as far as they are found."""
 
     def pose(self, name: str, user: Element) -> Array:
         """Pose (4, 4) of a frame in the model's frame.
 
         Missing frames and circular references raise an error with ``user``, the element that names the frame.
         """
-        path: dict[str, None] = {}  # frames from this one to one with a known pose, in order
+        path: dict[str, None] = {}  # frames from this one to before one with a known pose, in order
         current = name
         while current not in self._poses and current != MODEL:
             if current in path:
@@ -186,7 +189,7 @@ class SdfModel:
         return link
 
     def frame(self, name: str, user: Element) -> SdfFrame:
-        """Frame by name; an error with the element ``user`` if it is missing."""
+        """Frame by name; raises an error with the element ``user`` if the frame is missing."""
         if name not in self.frames:
             known = listed(map(repr, self.frames))
             raise user.error(f"names {name!r}, which is not a link, joint, frame or model there. Known: {known}.")
@@ -200,9 +203,9 @@ class SdfModel:
 def expand_model(model: Element) -> SdfModel:
     """Frames of a model and of its nested models, with names joined by ``::``."""
     expanded = SdfModel()
-    stack = [(model, "")]
-    while stack:
-        model_element, scope = stack.pop()
+    pending = [(model, "")]  # models with their scopes
+    while pending:
+        model_element, scope = pending.pop()
         includes = model_element.all("include")
         if includes:
             raise includes[0].error("is not read. Put the model that it names in its place.")
@@ -213,8 +216,8 @@ def expand_model(model: Element) -> SdfModel:
             name = scope + child.text("name")
             if name in expanded.frames:
                 raise child.error(f"has the name of {expanded.frames[name].element}. Rename one.")
-            # The format's default of relative_to, and the frame to which this one is fixed.
-            default_reference, attached_to = model_frame, name
+            default_reference = model_frame  # the format's default of relative_to
+            attached_to = name
             if child.tag == "joint":
                 default_reference = attached_to = scope + _name_at_end(child, "child")
                 expanded.joints[name] = child
@@ -225,7 +228,7 @@ def expand_model(model: Element) -> SdfModel:
             elif child.tag == "link":
                 expanded.links[name] = child
             else:
-                stack.append((child, f"{name}::"))
+                pending.append((child, f"{name}::"))
                 attached_to = f"{name}::{_canonical_link(child)}"
             relative_to = _reference_frame(child, scope) or default_reference
             expanded.frames[name] = SdfFrame(child, scope, pose(child.child("pose")), relative_to, attached_to)
@@ -243,7 +246,7 @@ def _reference_frame(element: Element, scope: str) -> str:
 
 
 def _scoped_frame(frame: str, scope: str) -> str:
-    """Name of a frame, preceded by those of its enclosing models."""
+    """Name of a frame, preceded by the names of its enclosing models."""
     if frame == MODEL:  # the frame of a nested model has the name of the model
         return scope.removesuffix("::") or MODEL
     return scope + frame
@@ -290,7 +293,7 @@ def read_sdf(
 
 
 def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | None]:
-    """Model of a file by name, by default the only one that can move, and the world that contains it, if any."""
+    """Model of a file by name, and the world that contains it, or None; by default the only model that can move."""
     models: list[tuple[Element, Element | None]] = [(model, None) for model in root.all("model")]
     for world in root.all("world"):
         models += [(model, world) for model in world.all("model")]
@@ -299,14 +302,14 @@ def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | No
         if name not in by_name:
             raise UnknownNameError.from_choices("model", name, by_name)
         return by_name[name]
-    movable = [(model, world) for model, world in models if not is_true(model, "static")]
-    if len(movable) > 1:
-        names = listed(repr(model.text("name")) for model, _ in movable)
-        raise root.error(f"has {len(movable)} models that can move: {names}. Say which, {argument('model')}.")
+    movable_models = [(model, world) for model, world in models if not is_true(model, "static")]
+    if len(movable_models) > 1:
+        names = listed(repr(model.text("name")) for model, _ in movable_models)
+        raise root.error(f"has {len(movable_models)} models that can move: {names}. Say which, {argument('model')}.")
     if not models:
         raise root.error("has no <model>.")
-    if movable:
-        return movable[0]
+    if movable_models:
+        return movable_models[0]
     return models[0]
 
 
@@ -316,7 +319,9 @@ class _SdfReader:
     def __init__(
         self, root: Element, model: Element, world: Element | None, source: str, floating_base: bool | None
     ) -> None:
-        self.model, self.world, self.floating_base = model, world, floating_base
+        self.model = model
+        self.world = world
+        self.floating_base = floating_base
         self.version = _version(root)
         self.builder = ModelBuilder(model.text("name"), source)
         gravity = _child(world, "gravity")
@@ -370,7 +375,8 @@ class _SdfReader:
                 self.builder.add_joint(joint_name, "floating", WORLD, name, where=link.place)
                 continue
             self.builder.add_joint(joint_name, "fixed", WORLD, name, placement=T, where=link.place)
-            if self.floating_base is None and not is_static:
+            is_by_default = self.floating_base is None and not is_static
+            if is_by_default:
                 self.builder.note(link, "is held by no joint, so it is fixed; a floating base lets it float")
 
     def _inertia(self, link: Element) -> SpatialInertia:
@@ -406,9 +412,8 @@ class _SdfReader:
         if kind == "fixed":
             self.builder.add_joint(name, "fixed", parent, child, placement=T, where=joint.place)
         elif kind == "ball":
-            add_ball(
-                self.builder, name, parent, child, T, T_cj[:3, 3], joint.place, **_losses_of_axis(joint.child("axis"))
-            )
+            losses = _losses_of_axis(joint.child("axis"))
+            add_ball(self.builder, name, parent, child, T, T_cj[:3, 3], joint.place, **losses)
         elif kind in TWO_AXES:  # two joints with a link without mass between them
             middle = f"{child}:{name}"
             self.builder.add_link(middle, hidden=True)
@@ -419,7 +424,7 @@ class _SdfReader:
         return child
 
     def _link_at_end(self, joint: Element, tag: str, scope: str) -> str:
-        """Link of the ``parent`` or ``child`` of a joint, which may name any frame that is fixed to it."""
+        """Link of the ``parent`` or ``child`` of a joint, which may name any frame that is fixed to the link."""
         name = word(joint, tag)
         if name == WORLD:
             return WORLD
@@ -428,9 +433,11 @@ class _SdfReader:
     def _add_axis(self, name: str, frame: SdfFrame, tag: str, parent: str, child: str, T: Array, T_cj: Array) -> None:
         """Add a one-degree joint with the axis in ``<axis>`` or ``<axis2>``, which ``tag`` names.
 
-        T (4, 4) is the pose of the child in the parent, T_cj that of the file's joint in its child link.
+        ``frame`` is the frame of the file's joint. T (4, 4) is the pose of the child in the parent, and T_cj the pose of the
+        file's joint in its child link.
         """
-        joint, scope = frame.element, frame.scope
+        joint = frame.element
+        scope = frame.scope
         kind = _KIND_OF_TYPE[joint.text("type")]
         axis = joint.require_child(tag, f"<{tag}><xyz>0 0 1</xyz></{tag}>")
         w = self._direction(axis, T_cj, scope, self._link_at_end(joint, "child", scope))
@@ -456,8 +463,8 @@ class _SdfReader:
     def _direction(self, axis: Element, T_cj: Array, scope: str, link: str) -> Array:
         """Joint axis (3,) in the frame of the child link.
 
-        The file gives it in the frame that it names. Without a name, this is the joint's frame since version 1.5 of the
-        format, and the model's frame before.
+        The file gives the axis in the frame ``expressed_in``. Without it, the axis is in the joint's frame since version 1.5 of
+        the format, and in the model's frame before.
         """
         xyz = axis.child("xyz")
         if xyz is None:
@@ -467,8 +474,8 @@ class _SdfReader:
         by_default_in_joint = self.version > (1, 4) and not is_true(axis, "use_parent_model_frame")
         if not frame and by_default_in_joint:
             return np.asarray(T_cj[:3, :3] @ w)
-        name = _scoped_frame(frame or MODEL, scope)
-        return np.asarray(self.parts.between(link, name, axis)[:3, :3] @ w)
+        T = self.parts.between(link, _scoped_frame(frame or MODEL, scope), axis)
+        return np.asarray(T[:3, :3] @ w)
 
 
 def add_ball(
@@ -492,9 +499,9 @@ def add_ball(
 def _limits_of_axis(axis: Element) -> dict[str, Any]:
     """Limits of a joint by name."""
     limit_element = axis.child("limit")
-    limits = {
-        "lower": number(limit_element, "lower", -math.inf), "upper": number(limit_element, "upper", math.inf),
-    }  # fmt: skip
+    limits = {}
+    limits["lower"] = number(limit_element, "lower", -math.inf)
+    limits["upper"] = number(limit_element, "upper", math.inf)
     for name in ("velocity", "effort"):
         limit = number(limit_element, name, -1.0)
         if limit > 0:  # other numbers mean no limit in this format
@@ -509,9 +516,9 @@ def _losses_of_axis(axis: Element | None) -> dict[str, Any]:
 
 
 def _mimic(axis: Element, scope: str) -> Mimic | None:
-    """Name of the leader, ratio and offset of a mimic joint; None for others.
+    """Name of the leader, ratio and offset of a mimic joint; None for other joints.
 
-    In the file: follower = multiplier (leader - reference) + offset.
+    The file's law is follower = multiplier * (leader - reference) + offset.
     """
     mimic = axis.child("mimic")
     if mimic is None:
@@ -523,7 +530,7 @@ def _mimic(axis: Element, scope: str) -> Mimic | None:
 
 
 def _pitch(joint: Element) -> float:
-    """Pitch [m/rad]; ``screw_thread_pitch`` is in metres per turn, ``thread_pitch`` in radians per metre with reversed sign."""
+    """Pitch [m/rad], from ``screw_thread_pitch`` in metres per turn, or ``thread_pitch`` in radians per metre, reversed."""
     if joint.child("screw_thread_pitch") is not None:
         return number(joint, "screw_thread_pitch", 1.0) / (2.0 * math.pi)
     radians_per_metre = number(joint, "thread_pitch", 1.0)
@@ -533,7 +540,7 @@ def _pitch(joint: Element) -> float:
 
 
 def _version(root: Element) -> tuple[int, ...]:
-    """Version of the format, as in (1, 7)."""
+    """Version of the format, such as (1, 7)."""
     text = root.text("version")
     try:
         return tuple(int(part) for part in text.split("."))

@@ -19,6 +19,11 @@ MAX_BYTES = 64 * 2**20
 """Largest accepted file [bytes]; the largest robot descriptions in use have a few MiB."""
 
 _BUNDLED_ROBOTS = Path(__file__).parents[1] / "robots"
+"""Folder of the bundled robots."""
+_BLANKS = "\ufeff \t\r\n"
+"""Characters that may stand before XML: byte order mark and white space."""
+_MAX_NAME_LENGTH = 200
+"""Largest number of characters of a path in a message."""
 _REJECTED_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
 """Python encodings that XML files do not use."""
 _UTF8_MARK = b"\xef\xbb\xbf"
@@ -50,7 +55,8 @@ def path_given(source: object) -> Path:
         raise RobotFileError(
             f"a robot is loaded from a path or from XML text, not from {type(source).__name__}. {remedy}"
         )
-    if isinstance(source, str) and (not source.strip() or "\n" in source):  # no path is blank or has several lines
+    is_no_path = isinstance(source, str) and (not source.strip() or "\n" in source)  # blank, or several lines
+    if is_no_path:
         raise RobotFileError(
             f"the text given is neither XML nor a path: {_beginning_text(source)}. XML text begins with '<'."
         )
@@ -59,20 +65,20 @@ def path_given(source: object) -> Path:
 
 def is_text(source: object) -> bool:
     """True for XML text: its first non-blank character is "<"."""
-    return isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
+    return isinstance(source, str) and source.lstrip(_BLANKS).startswith("<")
 
 
 def standard_input_text() -> str:
     """Robot description from standard input. Raises :class:`~twistwrench.RobotFileError`."""
     with third_party_errors(lambda reason: RobotFileError(f"cannot read standard input: {reason}.")):
         text = decode_text(read_standard_input(MAX_BYTES), "standard input")
-    if not text.lstrip("\ufeff \t\r\n").startswith("<"):
+    if not is_text(text):
         raise RobotFileError(f"standard input is no XML: {_beginning_text(text)}. XML text begins with '<'.")
     return text
 
 
 def _beginning_text(text: str) -> str:
-    """Clause with the first characters of a text, for messages."""
+    """Clause with the first 20 characters of a text, for messages."""
     stripped = text.strip()
     return f"it begins with {stripped[:20]!r}" if stripped else "it is empty"
 
@@ -80,18 +86,17 @@ def _beginning_text(text: str) -> str:
 def bytes_of(path: Path) -> bytes:
     """Content of a file; raises the errors of :func:`read_robot_text`."""
     name = str(path)
-    clipped = name
-    if len(name) > 200:
-        clipped = name[:200] + "…"
+    short_name = name
+    if len(name) > _MAX_NAME_LENGTH:
+        short_name = name[:_MAX_NAME_LENGTH] + "…"
     # File systems reject a name that is too long or has a NUL; it is probably text that was meant to be XML.
     advice = "Pass a path, or XML text that begins with '<'."
-    with third_party_errors(lambda reason: RobotFileError(f"cannot read {clipped!r}: {reason}. {advice}")):
+    with third_party_errors(lambda reason: RobotFileError(f"cannot read {short_name!r}: {reason}. {advice}")):
         if path.is_dir():
-            raise RobotFileError(
-                f"{clipped!r} is a folder. Pass the robot file in it{_names_text(_robot_file_names(path))}."
-            )
+            file_names = _names_text(_robot_file_names(path))
+            raise RobotFileError(f"{short_name!r} is a folder. Pass the robot file in it{file_names}.")
         if not path.exists():
-            raise NotFoundError(f"no file {clipped!r}. {_similar_files_text(path)}{_bundled_robot_hint(path)}")
+            raise NotFoundError(f"no file {short_name!r}. {_similar_files_text(path)}{_bundled_robot_hint(path)}")
         if path.is_file():
             _check_size(path.stat().st_size, repr(name))
         return read_bytes(path, MAX_BYTES)
@@ -107,7 +112,7 @@ def _check_size(size: int, name: str) -> None:
 
 
 def _similar_files_text(path: Path) -> str:
-    """Sentence with similar file names in the folder of a missing file, or else its robot files."""
+    """Sentence with similar file names in the folder of a missing file, or else with the robot files of this folder."""
     folder = path.parent
     if not folder.is_dir():
         return f"Its folder {str(folder)!r} is not there either; check the path."
@@ -121,10 +126,11 @@ def _similar_files_text(path: Path) -> str:
 def _bundled_robot_hint(path: Path) -> str:
     """Sentence with the call for a bundled robot of that name, or for the search by name; empty for other paths."""
     name = path.stem.lower()
-    if name.isidentifier() and (_BUNDLED_ROBOTS / f"{name}.urdf").is_file():
+    is_bundled = name.isidentifier() and (_BUNDLED_ROBOTS / f"{name}.urdf").is_file()
+    if is_bundled:
         return f" A robot of that name is bundled: twistwrench.robots.{name}()."
-    # A single word is a name rather than a path.
-    if str(path) == path.stem:
+    is_single_word = str(path) == path.stem  # a name rather than a path
+    if is_single_word:
         return f" Robots are found by name with twistwrench.find({path.name!r})."
     return ""
 
@@ -158,11 +164,12 @@ def decode_text(data: bytes, name: str) -> str:
         encoding = declaration[1].decode("ascii")
     else:
         encoding = "utf-8"
-    unknown = f"{name}: declares the encoding {encoding!r}, which is not known. Save the file as UTF-8."
+    unknown_encoding = f"{name}: declares the encoding {encoding!r}, which is not known. Save the file as UTF-8."
     with third_party_errors(lambda reason: RobotFileError(f"{name}: cannot be read as {encoding} text: {reason}.")):
         try:
-            if codecs.lookup(encoding).name.replace("-", "_") in _REJECTED_ENCODINGS:
-                raise RobotFileError(unknown)
+            encoding_name = codecs.lookup(encoding).name
+            if encoding_name.replace("-", "_") in _REJECTED_ENCODINGS:
+                raise RobotFileError(unknown_encoding)
             return data.decode(encoding)
         except UnicodeDecodeError as error:
             line = data.count(b"\n", 0, error.start) + 1
@@ -171,11 +178,11 @@ def decode_text(data: bytes, name: str) -> str:
                 'encoding in the first line: <?xml version="1.0" encoding="latin-1"?>.'
             ) from None
         except LookupError:
-            raise RobotFileError(unknown) from None
+            raise RobotFileError(unknown_encoding) from None
 
 
 _PACKAGE_SCHEMES = ("package://", "model://")
-"""Beginnings of names that begin with a package, in ROS and in Gazebo."""
+"""Schemes of names whose first part is a package, in ROS and in Gazebo."""
 _PACKAGE_FILES = ("package.xml", "manifest.xml")
 """Files that mark the folder of a package: of catkin and ament, and of rosbuild."""
 
@@ -183,8 +190,8 @@ _PACKAGE_FILES = ("package.xml", "manifest.xml")
 def find_resource(uri: str, robot_file: Path) -> Path | None:
     """Path of the mesh that ``robot_file`` names by ``uri``, or None if it is not found.
 
-    Packages are searched in the folders above the robot file, then in ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``. Other
-    names, those with ``file://`` too, must lie in the package around the robot file. If there is no package, they must lie
+    Packages are searched in the folders above the robot file, then in ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``. Meshes of
+    other names, also with ``file://``, must lie in the package around the robot file. If there is no package, they must lie
     below the parent of the robot's folder. Files elsewhere, files without the suffix of a mesh, and remote files (http://)
     count as not found.
     """
@@ -192,7 +199,7 @@ def find_resource(uri: str, robot_file: Path) -> Path | None:
 
     try:
         for candidate, roots in _mesh_candidates(uri.strip(), robot_file):
-            target = candidate.resolve()  # without links
+            target = candidate.resolve()  # where symbolic links lead
             has_mesh_suffix = all(path.suffix.lower() in SUFFIXES for path in (candidate, target))
             is_allowed = roots is None or any(target.is_relative_to(root) for root in roots)
             if has_mesh_suffix and is_allowed and target.is_file():
@@ -203,7 +210,7 @@ def find_resource(uri: str, robot_file: Path) -> Path | None:
 
 
 def _mesh_candidates(uri: str, robot_file: Path) -> Iterator[tuple[Path, Sequence[Path] | None]]:
-    """Paths that a mesh may have, each with the folders in one of which its target must lie once links are resolved.
+    """Paths that a mesh may have, each with folders: its target must lie in one of them once symbolic links are resolved.
 
     None in place of the folders allows any target: packages that the user names by the environment may consist of links. A
     ROS workspace can be built in this way.
@@ -230,21 +237,22 @@ def _mesh_candidates(uri: str, robot_file: Path) -> Iterator[tuple[Path, Sequenc
 
 def _folders_around(robot_file: Path) -> list[Path]:
     """Folders above a robot file, the nearest first, except the root, the user's home and folders above home."""
-    own, *above = robot_file.resolve().parents
+    own_folder, *folders_above = robot_file.resolve().parents
     home = Path.home()
-    below_home = [folder for folder in above if folder != folder.parent and not home.is_relative_to(folder)]
-    return [own, *below_home]
+    allowed = [folder for folder in folders_above if folder != folder.parent and not home.is_relative_to(folder)]
+    return [own_folder, *allowed]
 
 
 def _package_folder(folders: Sequence[Path]) -> Path:
     """Folder of the package around a robot file; without a package, the parent of the robot's folder, which often has meshes.
 
-    ``folders`` are those of :func:`_folders_around`; the parent may be missing among them.
+    ``folders`` are the result of :func:`_folders_around`. If the parent is not among them, it is the robot's own folder.
     """
     for folder in folders:
         if any((folder / name).is_file() for name in _PACKAGE_FILES):
             return folder
-    return folders[min(1, len(folders) - 1)]
+    parent_index = min(1, len(folders) - 1)
+    return folders[parent_index]
 
 
 def _ros_folders() -> list[Path]:

@@ -56,7 +56,12 @@ KnownValues: TypeAlias = Mapping[str, float]
 """Values of parameters by name."""
 PriorWeight: TypeAlias = float
 ObserverGain: TypeAlias = float
-_MAX_CONSTANT_ROWS = 0.8  # share of rows with one constant torque, up to which a measured torque is not dead
+_MAX_CONSTANT_ROWS = 0.8
+"""Largest share of rows with one constant torque if a torque is measured; above it, the channel is dead."""
+_READ_SHARE = 0.2
+"""Share of the progress that reading takes."""
+_FIT_SHARE = 0.5
+"""Share of the progress that the fit without further laws takes; settings take the same share of a fit."""
 
 
 def identify(
@@ -172,38 +177,43 @@ def identify(
         raise UnknownNameError.from_choices("method", method, METHODS)
     options = fit_options(cutoff, friction_speed, shift)
     may_fit_laws = assume not in ("none", ["none"], ("none",))
-    wanted = wanted_causes(assume, robot.model.velocity_names) if may_fit_laws else ()
+    causes = wanted_causes(assume, robot.model.velocity_names) if may_fit_laws else ()
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "side": motor_side}
     reading |= {"topic": topic, "episode": episode}
-    sources = log_sources(robot, logs, "logs", reading)
-    tests = log_sources(robot, test, "test", reading)
-    if not sources:
+    training_sources = log_sources(robot, logs, "logs", reading)
+    sources = (*training_sources, *log_sources(robot, test, "test", reading))
+    if not training_sources:
         raise ShapeError("identify: there is no log. Give one with torques at least.")
     unknown = unknown_of(
         robot, motor_inertia=motor_inertia, friction=friction, motor_side=motor_side, known=known,
         payload_only=payload_only, stribeck_speed=stribeck_speed,
     )  # fmt: skip
     report_progress = progress or (lambda _share: None)
-    read = read_logs((*sources, *tests), Workers.from_client(client), lambda share: report_progress(0.2 * share))
-    training_logs, test_logs = _readable(read[: len(sources)]), _readable(read[len(sources) :])
+    results = read_logs(sources, Workers.from_client(client), lambda share: report_progress(_READ_SHARE * share))
+    training_logs, test_logs = _readable(results[: len(training_sources)]), _readable(results[len(training_sources) :])
     fit = partial(
         _identify_once, unknown, robot, training_logs, test_logs, method=method, payload_only=payload_only,
-        read_doubts=_unreadable((*sources, *tests), read),
+        read_doubts=_unreadable(sources, results),
     )  # fmt: skip
-    found, laws = fit(options, wanted, report_progress=lambda share: report_progress(0.2 + 0.5 * share))
+    found, laws = fit(options, causes, report_progress=partial(_report_fit, report_progress))
     if may_fit_laws and laws and not payload_only:
-        with_laws, _ = fit(_options_at_cutoff(options, found), (*wanted, *laws), report_progress=report_progress)
+        with_laws, _ = fit(_options_at_cutoff(options, found), (*causes, *laws), report_progress=report_progress)
         found = _better_with(laws, found, with_laws)
     report_progress(1.0)
     return _with_thresholds(replace(found, strength=keep_close, logs=_files(*logs, *test)), training_logs, thresholds)
 
 
 def _robot_with_name(robot: Robot | str | Path) -> tuple[Robot, str]:
-    """Robot, read if it is a path or a name, and the name under which logs are bundled with it."""
+    """Robot, loaded if it is a path or a name, and the name by which logs are bundled with it."""
     if isinstance(robot, str | Path):
         return require_robot(load(robot), "identify"), str(robot)
     robot = require_robot(robot, "identify")
     return robot, robot.name
+
+
+def _report_fit(report_progress: Callable[[float], None], share: float) -> None:
+    """Report the completed share of a fit as a part of the whole."""
+    report_progress(_READ_SHARE + _FIT_SHARE * share)
 
 
 def _files(*logs: Log) -> tuple[str, ...]:
@@ -212,13 +222,14 @@ def _files(*logs: Log) -> tuple[str, ...]:
 
 
 def _with_thresholds(found: IdentifiedRobot, logs: Sequence[ReadLog], gain: float | None) -> IdentifiedRobot:
-    """Identification with thresholds of an observer's residual, if its gain was given."""
+    """Identification with thresholds of an observer's residual; without them if its gain is None."""
     if gain is None:
         return found
-    return replace(found, thresholds=found.residual_thresholds(_longest(logs, found.original), gain))
+    motion = _longest_motion(logs, found.original)
+    return replace(found, thresholds=found.residual_thresholds(motion, gain))
 
 
-def _longest(logs: Sequence[ReadLog], robot: Robot) -> Motion:
+def _longest_motion(logs: Sequence[ReadLog], robot: Robot) -> Motion:
     """Longest part of the logs without a pause, as a motion of positions and torques."""
     longest = max(steady_samples(logs), key=lambda piece: piece.seconds)
     time = longest.start + np.arange(len(longest.q)) / longest.rate
@@ -226,7 +237,7 @@ def _longest(logs: Sequence[ReadLog], robot: Robot) -> Motion:
 
 
 def log_paths(given: Log | Sequence[Log], robot: str) -> list[Log]:
-    """Logs, with the files of folders and patterns, sorted by name, and ``demo`` as the log bundled with a robot."""
+    """Logs, with folders and patterns replaced by their files, sorted by name, and ``demo`` by the robot's bundled log."""
     if not isinstance(given, Iterable | Motion | Path):
         raise ShapeError(f"logs={given!r}: give a tw.Motion with torques, the path of a log, or a list of them.")
     paths = list[Log]()
@@ -254,19 +265,20 @@ def log_sources(
 
 
 def _readable(logs: Sequence[ReadLog | Failure]) -> tuple[ReadLog, ...]:
-    """Logs that could be read; raises TrajectoryError if there are logs, and none could."""
-    readable, failures = list[ReadLog](), list[Failure]()
+    """Logs that could be read; raises TrajectoryError if all of them failed."""
+    readable_logs = list[ReadLog]()
+    failures = list[Failure]()
     for log in logs:
         if isinstance(log, Failure):
             failures.append(log)
         else:
-            readable.append(log)
-    if failures and not readable:
-        first = failures[0]
-        if first.problem is None:
-            raise TrajectoryError(first.reason)
-        raise TrajectoryError(*first.problem.args)
-    return tuple(readable)
+            readable_logs.append(log)
+    if failures and not readable_logs:
+        first_failure = failures[0]
+        if first_failure.problem is None:
+            raise TrajectoryError(first_failure.reason)
+        raise TrajectoryError(*first_failure.problem.args)
+    return tuple(readable_logs)
 
 
 def _unreadable(sources: Sequence[LogSource], logs: Sequence[ReadLog | Failure]) -> list[Doubt]:
@@ -284,26 +296,26 @@ def _identify_once(
     training_logs: Sequence[ReadLog],
     test_logs: Sequence[ReadLog],
     options: FitOptions,
-    wanted: Sequence[WantedCause],
+    assumed_causes: Sequence[WantedCause],
     *,
     method: Method,
     payload_only: str | None,
     read_doubts: Sequence[Doubt],
     report_progress: Callable[[float], None],
 ) -> tuple[IdentifiedRobot, tuple[WantedCause, ...]]:
-    """Identify from logs that were read; also returns laws that the residual shows.
+    """Identify from logs that were read; also returns the laws of the robot that the residual shows.
 
     ``read_doubts`` are about logs that could not be read.
     """
-    samples, dead = _rows_of(training_logs, options)
-    options = _without_delay(options, wanted)
+    samples, is_dead = _rows_of(training_logs, options)
+    options = _without_delay(options, assumed_causes)
     chosen = _chosen_settings(
-        unknown, samples, dead, options, method, wanted, lambda share: report_progress(0.2 + 0.5 * share),
+        unknown, samples, is_dead, options, method, assumed_causes, partial(_report_fit, report_progress),
         needs_folds=not test_logs,
     )  # fmt: skip
-    rows, prior = chosen.rows, chosen.prior
+    rows, prior, base = chosen.rows, chosen.prior, chosen.rows.base
     rows.release()
-    base, trial = rows.base, Trial(rows, chosen.settings)
+    trial = Trial(rows, chosen.settings)
     x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
     settings, covariance = _with_covariance(chosen, trial, x, sigma, weights)
     five_fold = _five_fold(rows, prior, method, chosen.without_fifth)
@@ -312,10 +324,10 @@ def _identify_once(
     causes, laws = list[Doubt](), tuple[WantedCause, ...]()
     noise_covariance = covariance.matrix  # for doubts: the covariance by noise and states alone
     if not payload_only:
-        initial = replace(settings, shift=options.shift or 0.0)  # a chosen delay may have another cause
-        causes, laws, changes = _diagnosis(rows, initial, settings.shift, wanted)
+        initial_settings = replace(settings, shift=options.shift or 0.0)  # a chosen delay may have another cause
+        causes, laws, changes = _diagnosis(rows, initial_settings, settings.shift, assumed_causes)
         covariance = covariance.widened(changes @ base.grouping.T)
-    fifths = tuple(_normal_equations(trial, sigma, weights, trial.fold == b) for b in range(FOLDS))
+    fifths = tuple(_normal_equations(trial, sigma, weights, trial.fold == fifth) for fifth in range(FOLDS))
     fitted = FittedLog(
         base=base, logs=(*training_logs, *test_logs), W=trial.W, tau=trial.tau, settings=settings, prior=prior, x=x,
         covariance=noise_covariance, held_out=held_out, trained=five_fold, fifths=fifths, speed=trial.rows.speed,
@@ -362,36 +374,37 @@ def _with_covariance(
 
 
 def _diagnosis(
-    rows: SettingRows, initial: FitSettings, shift: float, wanted: Sequence[WantedCause]
+    rows: SettingRows, initial_settings: FitSettings, shift: float, assumed_causes: Sequence[WantedCause]
 ) -> tuple[list[Doubt], tuple[WantedCause, ...], Array]:
-    """Causes of the residual, from a search that starts at initial settings.
+    """Causes of the residual, from a search that starts at initial settings; ``shift`` is the delay that the fit has removed.
 
     Returns
     -------
-    doubts : doubts about causes that are not assumed; ``shift`` is the delay [s] that the fit has removed
+    doubts : doubts about causes that are not assumed
     laws : laws of the robot that could be fitted
     changes : (k, p) array, changes of the parameters by laws that are not fitted
     """
     unknown = rows.base.unknown
-    found, fit_without_laws = diagnose(log_fit(unknown, rows.samples, initial, rows.dead))
-    for assumed in wanted:
-        found = [cause for cause in found if not assumed.stands_for(cause)]
-    doubts = cause_doubts(unknown.model.velocity_names, found, shift)
-    return doubts, laws_of_the_robot(found), law_changes(fit_without_laws)
+    causes, fit_without_laws = diagnose(log_fit(unknown, rows.samples, initial_settings, rows.dead))
+    for assumed_cause in assumed_causes:
+        causes = [cause for cause in causes if not assumed_cause.stands_for(cause)]
+    doubts = cause_doubts(unknown.model.velocity_names, causes, shift)
+    return doubts, laws_of_the_robot(causes), law_changes(fit_without_laws)
 
 
 _MIN_DECREASE = 0.05
-"""Relative decrease of the residual in rows held out from which a law of the robot is fitted unasked."""
+"""Relative decrease of the held-out residual from which a law of the robot is fitted although the user does not assume it."""
 
 
 def _options_at_cutoff(options: FitOptions, found: IdentifiedRobot) -> FitOptions:
-    """The same options at the cut-off of a fit, so that residuals are comparable."""
+    """Options with the cut-off of a fit, so that the residuals of both fits are comparable."""
     return replace(options, cutoff=found.settings.cutoff)
 
 
 def _better_with(laws: Sequence[WantedCause], without: IdentifiedRobot, found: IdentifiedRobot) -> IdentifiedRobot:
     """Fit ``found`` with laws of the robot if rows held out confirm them; else the fit without them, with a note."""
-    residual, residual_without = found.held_out.all, without.held_out.all
+    residual = found.held_out.all
+    residual_without = without.held_out.all
     kinds = [law.kind for law in laws]
     if residual > (1.0 - _MIN_DECREASE) * residual_without:
         shares = f"{percent(residual, 3)} of the torques in rows held out, in place of {percent(residual_without, 3)}"
@@ -401,7 +414,7 @@ def _better_with(laws: Sequence[WantedCause], without: IdentifiedRobot, found: I
     notes = list(found.notes)
     law_notes: list[str] = []
     for cause in found.settings.assumed:
-        if cause.kind in kinds:  # the user has not assumed it
+        if cause.kind in kinds:  # fitted, but not assumed by the user
             notes.remove(f"Assumed: {cause}.")
             law_notes.append(f"Fitted: {cause}, {reason}.")
     return replace(found, notes=(*law_notes, *notes))
@@ -417,7 +430,7 @@ class _ChosenSettings:
     prior: Prior
     """Weak prior of the groups."""
     assumed: AssumedCauses | None
-    """Causes that were removed from the logs."""
+    """Causes that were removed from the logs; None without any."""
     settings: FitSettings
     """Settings chosen on all rows."""
     without_fifth: Sequence[FitSettings]
@@ -427,30 +440,32 @@ class _ChosenSettings:
 def _chosen_settings(
     unknown: UnknownParameters,
     samples: Sequence[SteadySamples],
-    dead: Array,
+    is_dead: Array,
     options: FitOptions,
     method: Method,
-    wanted: Sequence[WantedCause],
+    assumed_causes: Sequence[WantedCause],
     progress: Callable[[float], None],
     *,
     needs_folds: bool,
 ) -> _ChosenSettings:
     """Choose settings, after assumed causes are removed.
 
-    ``needs_folds``: choose settings without each fifth of the time, too; otherwise they are those of all rows.
+    If ``needs_folds`` is True, settings are also chosen without each fifth of the time; otherwise these are the settings of all
+    rows. ``is_dead`` (nv,) is True for joints without a torque.
     """
 
     def build(base: BaseParameters, samples: Sequence[SteadySamples]) -> tuple[SettingRows, Array, Prior]:
         """Rows of samples, sizes of the unknown parameters, and weak prior of the groups."""
-        rows = SettingRows(base, samples, options, dead)
+        rows = SettingRows(base, samples, options, is_dead)
         sizes = base.unknown.scales(*rows.typical())
-        return rows, sizes, Prior(base.project(base.unknown.file_values), base.weak_sizes(sizes))
+        file_values = base.project(base.unknown.file_values)
+        return rows, sizes, Prior(file_values, base.weak_sizes(sizes))
 
     fifths = list(range(FOLDS))
     others_of_fifth = [fifths[:k] + fifths[k + 1 :] for k in fifths]
-    if wanted:
+    if assumed_causes:
         initial_settings = begin_settings(unknown.model.nv, samples, options)
-        initial_causes = AssumedCauses.from_logs(unknown, samples, wanted, initial_settings, dead)
+        initial_causes = AssumedCauses.from_logs(unknown, samples, assumed_causes, initial_settings, is_dead)
         assumed, settings, (rows, sizes, prior) = initial_causes.refine(build, method, MOST_ROWS)
         without_fifth = [settings] * FOLDS
         if needs_folds:
@@ -467,6 +482,8 @@ def _chosen_settings(
 
 _MAX_SEARCH_CUTOFF = 5.0
 """Maximum cut-off [Hz] of the search for causes without a choice of settings."""
+_MAX_SEARCH_CUTOFF_OF_RATE = 0.1
+"""Maximum cut-off of this search, as a share of the sampling rate."""
 _MIN_ROWS_OF_GROUP = 2.0
 """Minimum number of rows for each group of parameters in this search."""
 _SEARCH_FRICTION_SPEED = 0.03
@@ -501,19 +518,21 @@ def measured_causes(robot: Robot, logs: Log | Sequence[Log]) -> tuple[Doubt, ...
     """
     try:
         unknown = UnknownParameters(robot)
-        read = _readable(read_logs(log_sources(robot, logs, "logs", {}), Workers(), lambda _share: None))
+        sources = log_sources(robot, logs, "logs", {})
+        readable_logs = _readable(read_logs(sources, Workers(), lambda _share: None))
     except (ModelError, TrajectoryError):
         return ()
-    samples, dead = steady_samples(read), _dead_torques(read)
-    cutoff = min(_MAX_SEARCH_CUTOFF, 0.1 * lowest_rate(samples))
-    rows = ROW_RATE * cutoff * total_seconds(samples)
-    is_at_rest = not any(moves(log.q).any() for log in read)
-    if is_at_rest or dead.all():
+    samples = steady_samples(readable_logs)
+    is_dead = _dead_torques(readable_logs)
+    cutoff = min(_MAX_SEARCH_CUTOFF, _MAX_SEARCH_CUTOFF_OF_RATE * lowest_rate(samples))
+    row_count = ROW_RATE * cutoff * total_seconds(samples)
+    is_at_rest = not any(moves(log.q).any() for log in readable_logs)
+    if is_at_rest or is_dead.all():
         return ()
-    if rows < _MIN_ROWS_OF_GROUP * BaseParameters.from_unknowns(unknown).count:
+    if row_count < _MIN_ROWS_OF_GROUP * BaseParameters.from_unknowns(unknown).count:
         return ()
     settings = FitSettings(cutoff, np.full(robot.nv, _SEARCH_FRICTION_SPEED), 0.0)
-    causes, _ = diagnose(log_fit(unknown, samples, settings, dead))
+    causes, _ = diagnose(log_fit(unknown, samples, settings, is_dead))
     return tuple(doubt_of_cause(unknown.model.velocity_names, cause) for cause in causes)
 
 
@@ -524,17 +543,20 @@ def _rows_of(logs: Sequence[ReadLog], options: FitOptions) -> tuple[list[SteadyS
     if cutoff is not None:  # pieces shorter than a period of the cut-off are left out, if there are others
         long_samples = [piece for piece in samples if piece.seconds * cutoff >= 1.0 or not piece.cut]
         samples = long_samples or samples
-    dead = _dead_torques(logs)
-    if dead.all():
+    is_dead = _dead_torques(logs)
+    if is_dead.all():
         raise TrajectoryError(
             "identify: the torques of all joints are constant throughout, so nothing can be identified."
         )
-    return samples, dead
+    return samples, is_dead
 
 
-def _without_delay(options: FitOptions, wanted: Sequence[WantedCause]) -> FitOptions:
-    """Options of a fit that assumes ``late``: the delay is then one of the causes. Raises ValueRangeError."""
-    if not any(cause.kind == "late" for cause in wanted):
+def _without_delay(options: FitOptions, assumed_causes: Sequence[WantedCause]) -> FitOptions:
+    """Options without a delay if ``late`` is assumed, since the delay is then one of the causes.
+
+    Raises ValueRangeError if the user gives a delay, too.
+    """
+    if not any(cause.kind == "late" for cause in assumed_causes):
         return options
     if options.shift is not None:
         raise ValueRangeError("a shift is given, and late is assumed, which estimates it. Leave one of them out.")
@@ -557,14 +579,13 @@ def fit_options(cutoff: float | None, friction_speed: float | None, shift: float
 def _remarks(logs: Sequence[ReadLog]) -> tuple[str, ...]:
     """Notes on rows left out of the logs, on their gaps, and on the windows of long logs."""
     notes: list[str] = []
-    used, total, windows = 0, 0, 0
     for log in logs:
         notes += [found.sentence for found in log.doubts if found.kind == LEFT_OUT]
-        used += log.count
-        total += log.checks.count
-        windows += len(log.windows)
-    if used < total:
-        notes.append(f"{_three_digits(used)} of {_three_digits(total)} samples, in {windows} windows.")
+    used_count = sum(log.count for log in logs)
+    total_count = sum(log.checks.count for log in logs)
+    if used_count < total_count:
+        window_count = sum(len(log.windows) for log in logs)
+        notes.append(f"{_three_digits(used_count)} of {_three_digits(total_count)} samples, in {window_count} windows.")
     gaps = np.concatenate([log.gaps for log in logs])
     return (*notes, *gap_notes(gaps))
 
@@ -575,9 +596,9 @@ def _three_digits(count: int) -> str:
 
 
 def _dead_torques(logs: Sequence[ReadLog]) -> Array:
-    """(nv,) bool, True if the torque is constant, as of a disconnected channel.
+    """(nv,) bool, True if the torque of a joint is constant, as of a disconnected channel.
 
-    The torque of a joint that moves needs to be constant in nearly all rows only.
+    For a joint that moves, it is enough if the torque is constant in nearly all rows.
     """
     tau = np.concatenate([log.tau for log in logs])
     has_moved = np.any([(np.diff(log.q, axis=0) != 0).any(axis=0) for log in logs], axis=0)
@@ -587,7 +608,7 @@ def _dead_torques(logs: Sequence[ReadLog]) -> Array:
 
 
 def _five_fold(source: SettingRows, prior: Prior, method: Method, settings: Sequence[FitSettings]) -> HeldOut:
-    """Predict each fifth of the time from the others; fifths with no rows or with all rows are left out."""
+    """Predictions of each fifth of the time from the others; fifths with no rows or with all rows are left out."""
     held_out_fifths = list[HeldOut]()
     for fifth in range(FOLDS):
         trial = Trial(source, settings[fifth])
@@ -595,8 +616,10 @@ def _five_fold(source: SettingRows, prior: Prior, method: Method, settings: Sequ
         if not is_held_out.any() or is_held_out.all():
             continue
         x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt, ~is_held_out)
-        time, log = trial.rows.time[is_held_out], trial.rows.log[is_held_out]
-        rows = HeldOutRows(time, log, trial.tau[is_held_out], trial.W[is_held_out] @ x)
+        predicted_tau = trial.W[is_held_out] @ x
+        rows = HeldOutRows(
+            trial.rows.time[is_held_out], trial.rows.log[is_held_out], trial.tau[is_held_out], predicted_tau
+        )
         held_out_fifths.append(HeldOut.from_rows("five-fold", rows, source.base.unknown.model.velocity_names))
     if not held_out_fifths:
         raise TrajectoryError("identify: the logs are too short to hold a part of them out. Give more seconds.")
@@ -606,7 +629,7 @@ def _five_fold(source: SettingRows, prior: Prior, method: Method, settings: Sequ
 def _predict_tests(
     source: SettingRows, test_logs: Sequence[ReadLog], settings: FitSettings, x: Array, assumed: AssumedCauses | None
 ) -> HeldOut:
-    """Predict separate test logs with the settings of the training logs and the assumed causes."""
+    """Predictions of separate test logs with the settings of the training logs and the assumed causes."""
     samples = steady_samples(test_logs)
     if assumed is not None:
         samples = assumed.correct_other_logs(samples)

@@ -1,8 +1,8 @@
 """Writing of identified parameters to actuator files and to the robot file, in which only the numbers change.
 
-A body of the model is a moving link with the links fixed to it; the change is applied to the moving link. If the
-remaining inertia of the moving link is not physically consistent, the fixed links are folded into it. The written
-text is read back and compared before it replaces a file.
+A body of the model is a moving link with the links fixed to it. The moving link gets the identified inertia less the inertias
+of the fixed links. If this remaining inertia is not physically consistent, the fixed links are folded into the moving link.
+The written text is read back and compared before it replaces a file.
 """
 
 from __future__ import annotations
@@ -41,9 +41,11 @@ _MAX_DIFFERENCE = 1e-12
 _STATES = 200
 """Number of random states at which robots are compared."""
 _MAX_RATIO_TO_FILE = 1.05
-"""Ratio to the held-out residual of the file's bodies with friction up to which a robot is as good as these."""
-_MAX_INCREASE = 0.002  # negligible increase of the residual, as a share of the torques
-_MAX_MASS_CHANGE = 0.2  # change of the moving mass without a remark, as a share of the file's
+"""Largest ratio of a robot's held-out residual to the residual of the file's bodies with friction."""
+_MAX_INCREASE = 0.002
+"""Increase of the held-out residual that is negligible, as a share of the torques."""
+_MAX_MASS_CHANGE = 0.2
+"""Largest change of the moving mass without a remark, as a share of the file's moving mass."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +53,8 @@ class WrittenRobot:
     """Robot file with identified parameters, before it is written to disk."""
 
     text: str
-    data: bytes  # in the encoding of the original file
-    difference: float  # of torques after reading back, as a share of the largest
+    data: bytes  # of the text, in the encoding of the original file
+    difference: float  # of torques after reading back, as a share of the largest torque
     folded: tuple[str, ...]  # fixed links whose inertia was added to the carrying links
     missing: Mapping[str, Mapping[str, float]]  # values by kind and joint that the file cannot store
     folder: Path | None  # folder to which the file's relative paths refer; None if it has no such paths
@@ -71,23 +73,23 @@ def written_robot(original: Robot, found: ConsistentRobot, comment: str) -> Writ
             f"robot {original.name!r} was not read from a file, so there is none to write into. tw.save(found.robot, path) "
             "writes a new one."
         )
-    inertias, folded = _link_inertias(found, TEXTS[subject.robot.format].share_left)
+    inertias, folded_links = _link_inertias(found, TEXTS[subject.robot.format].share_left)
     file = _ChangedFile(subject, root, found, inertias)
     drives = _drives(found)
-    file_drives = drives
-    deviations = file.deviations(comment, file_drives, drives)
-    if any(max(deviation_by_joint.values()) > 0 for deviation_by_joint in deviations.values()):
-        # values that are read too large contain a part from actuators of the file: write less
-        file_drives = _without_stored_part(drives, deviations)
-        deviations = file.deviations(comment, file_drives, drives)
+    written_drives = drives
+    deviations = file.deviations(comment, written_drives, drives)
+    is_too_large = any(max(deviation_by_joint.values()) > 0 for deviation_by_joint in deviations.values())
+    if is_too_large:  # actuators of the file add a part when it is read: write less
+        written_drives = _without_stored_part(drives, deviations)
+        deviations = file.deviations(comment, written_drives, drives)
     missing: dict[str, dict[str, float]] = {}
     missing_texts: list[str] = []
-    for kind, joints in deviations.items():
-        missing[kind] = {joint: drives[kind][joint] for joint in joints}
+    for kind, deviation_by_joint in deviations.items():  # what still differs has no place in the file
+        missing[kind] = {joint: drives[kind][joint] for joint in deviation_by_joint}
         missing_texts += [f"{kind} {joint} {number(value)}" for joint, value in missing[kind].items()]
     if missing_texts:
         comment = f"{comment}; not in it: {', '.join(missing_texts)}"
-    text = file.text(comment, file_drives)
+    text = file.text(comment, written_drives)
     difference = _difference(file.model(text), found)
     if not difference <= _MAX_DIFFERENCE:
         raise RobotFileError(
@@ -96,13 +98,13 @@ def written_robot(original: Robot, found: ConsistentRobot, comment: str) -> Writ
     folder = None
     if subject.path is not None and _names_files(root):
         folder = subject.path.resolve().parent
-    return WrittenRobot(text, encode_as(text, subject.data), difference, tuple(folded), missing, folder)
+    return WrittenRobot(text, encode_as(text, subject.data), difference, tuple(folded_links), missing, folder)
 
 
 def _without_stored_part(
     drives: Mapping[str, Mapping[str, float]], deviations: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Values to write, by kind and joint: less the part of actuators, which the file stores separately and reading adds.
+    """Values to write, by kind and joint, so that reading, which adds the part of the file's actuators, gives ``drives``.
 
     Positive ``deviations`` are these parts.
     """
@@ -133,21 +135,24 @@ def _is_relative(name: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _ChangedFile:
-    """Robot file with other numbers of links and joints; ``inertias`` are the new inertias by link."""
+    """Robot file in which the numbers of links and joints are replaced."""
 
     subject: Subject
+    """File as it was read."""
     root: Element
     found: ConsistentRobot
     inertias: Mapping[str, SpatialInertia]
+    """New inertias by link, each in the link's frame."""
 
     def text(self, comment: str, drives: Mapping[str, Mapping[str, float]]) -> str:
-        """Text of the file with values of joints, by kind and joint.
+        """Text of the file with the new inertias, and with the values ``drives`` of joints, by kind and joint.
 
-        Mimic joints get values of 0, since those of the joint that they follow contain their part.
+        Mimic joints get values of 0, since the values of the joint that they follow contain their part.
         """
         changes = TextChanges(SIGNATURE)
         model = self.found.base.unknown.model
-        file = TEXTS[self.subject.robot.format](self.root, model.name, self.subject.path)
+        text_of_format = TEXTS[self.subject.robot.format]
+        file = text_of_format(self.root, model.name, self.subject.path)
         file.write_links(changes, self._changed_inertias())
         values_by_joint: dict[str, dict[str, float]] = {joint: {} for joint in model.velocity_names}
         for kind, value_by_joint in drives.items():
@@ -164,7 +169,7 @@ class _ChangedFile:
         return changes.apply(self.subject.text)
 
     def _changed_inertias(self) -> dict[str, SpatialInertia]:
-        """Inertias of the links that differ from those of the file."""
+        """New inertias of the links whose inertia differs from the file's, by link."""
         inertias_of_file = self.subject.robot.model.link_inertias
         changed: dict[str, SpatialInertia] = {}
         for link, G in self.inertias.items():
@@ -186,22 +191,23 @@ class _ChangedFile:
         return load(text, **options, mimic="independent").model
 
     def deviations(
-        self, comment: str, wanted: Mapping[str, Mapping[str, float]], drives: Mapping[str, Mapping[str, float]]
+        self, comment: str, written: Mapping[str, Mapping[str, float]], drives: Mapping[str, Mapping[str, float]]
     ) -> dict[str, dict[str, float]]:
-        """Differences between the values that are read back if ``wanted`` are written, and ``drives``."""
-        return _deviations(self.model(self.text(comment, wanted)), drives)
+        """Differences, by kind and joint, of the values that are read back after ``written`` is written, less ``drives``."""
+        text = self.text(comment, written)
+        return _deviations(self.model(text), drives)
 
 
 def _link_inertias(found: ConsistentRobot, folded_share: float) -> tuple[dict[str, SpatialInertia], list[str]]:
-    """Inertia of each link in its own frame, and names of fixed links that were folded into moving ones.
+    """Inertia of each link in its own frame, and names of fixed links that are folded into moving ones.
 
-    Fixed links keep their inertia of the file, and the moving link gets the rest of the body's. If this rest is not
-    physically consistent, fixed links keep ``folded_share`` of the body's inertia instead. Shares of a consistent inertia
+    Fixed links keep their inertia of the file, and the moving link gets the remaining inertia of the body. If that is not
+    physically consistent, each fixed link gets ``folded_share`` of the body's inertia instead. Shares of a consistent inertia
     are consistent.
     """
     model = found.base.unknown.model
-    wanted: dict[str, SpatialInertia] = {}
-    folded: list[str] = []
+    link_inertias: dict[str, SpatialInertia] = {}
+    folded_links: list[str] = []
     for i, (body, body_inertia) in enumerate(zip(model.bodies, found.inertias, strict=True)):
         if body.link not in model.link_inertias:
             continue  # massless body between two joints of one link
@@ -220,10 +226,11 @@ def _link_inertias(found: ConsistentRobot, folded_share: float) -> tuple[dict[st
             fixed_inertias = dict.fromkeys(heavy_links, SpatialInertia.zero())
             if folded_share:
                 fixed_inertias = {link: folded_inertia.in_frame(se3.inverse(poses[link])) for link in heavy_links}
-            remaining = SpatialInertia((1.0 - folded_share * len(heavy_links)) * body_inertia.parameters)
-            folded += heavy_links
-        wanted |= {**fixed_inertias, body.link: remaining}
-    return wanted, folded
+            remaining_share = 1.0 - folded_share * len(heavy_links)
+            remaining = SpatialInertia(remaining_share * body_inertia.parameters)
+            folded_links += heavy_links
+        link_inertias |= {**fixed_inertias, body.link: remaining}
+    return link_inertias, folded_links
 
 
 def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
@@ -239,7 +246,7 @@ def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
 
 
 def _deviations(model: Model, drives: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
-    """Differences between a model's joint values and ``drives``, by kind and joint, above rounding errors.
+    """Joint values of a model less ``drives``, by kind and joint, where they differ by more than rounding errors.
 
     A joint that the model lacks has the value 0.
     """
@@ -251,15 +258,16 @@ def _deviations(model: Model, drives: Mapping[str, Mapping[str, float]]) -> dict
         "stribeck": static_excess,
         "motor_inertia": model.armature,
     }
-    index = {name: k for k, name in enumerate(model.velocity_names)}
+    velocity_index = {name: k for k, name in enumerate(model.velocity_names)}
     deviations: dict[str, dict[str, float]] = {}
     for kind, values in drives.items():
-        largest = max(map(abs, values.values()), default=0.0)
+        largest_value = max(map(abs, values.values()), default=0.0)
         for joint, value in values.items():
-            deviation = -value
-            if joint in index:
-                deviation = float(values_of_model[kind][index[joint]]) - value
-            is_rounding = abs(deviation) <= _MAX_DIFFERENCE * largest
+            model_value = 0.0
+            if joint in velocity_index:
+                model_value = float(values_of_model[kind][velocity_index[joint]])
+            deviation = model_value - value
+            is_rounding = abs(deviation) <= _MAX_DIFFERENCE * largest_value
             if not is_rounding:
                 deviations.setdefault(kind, {})[joint] = deviation
     return deviations
@@ -268,7 +276,7 @@ def _deviations(model: Model, drives: Mapping[str, Mapping[str, float]]) -> dict
 def _difference(model: Model, found: ConsistentRobot) -> float:
     """Largest difference between the torques of ``model``, read back, and of ``found``, as a share of the largest torque.
 
-    Torques of the bodies at random states.
+    Torques are those of the bodies without drives, at random states.
     """
     read_parameters = [np.zeros(10) for _ in found.base.unknown.model.bodies]
     for link, frame in found.base.unknown.model.frames.items():
@@ -282,7 +290,8 @@ def _difference(model: Model, found: ConsistentRobot) -> float:
     Y = robot.regressor(q, dq, ddq)
     torques = Y @ np.concatenate([G.parameters for G in found.inertias])
     read_torques = Y @ np.concatenate(read_parameters)
-    return float(np.abs(read_torques - torques).max() / max(np.abs(torques).max(), 1e-300))
+    largest_torque = max(np.abs(torques).max(), 1e-300)  # above zero, also without any torque
+    return float(np.abs(read_torques - torques).max() / largest_torque)
 
 
 def _random_configurations(robot: Robot, rng: np.random.Generator) -> Array:
@@ -293,8 +302,8 @@ def _random_configurations(robot: Robot, rng: np.random.Generator) -> Array:
 def check_written(found: ConsistentRobot) -> list[str]:
     """Remarks on changes of the robot; raises ValueRangeError if it must not be written.
 
-    Every body must be physically consistent, M positive definite, and the held-out residual hardly larger than that of
-    the file's bodies with friction.
+    Every body must be physically consistent, M must be positive definite, and the held-out residual hardly larger than the
+    residual of the file's bodies with friction.
     """
     model = found.base.unknown.model
     for body, G in zip(model.bodies, found.inertias, strict=True):
@@ -302,7 +311,8 @@ def check_written(found: ConsistentRobot) -> list[str]:
         if defects:
             raise ValueRangeError(f"the body of {body.link!r} cannot exist: {'; '.join(defects)}. Nothing is written.")
     q = _random_configurations(found.robot, np.random.default_rng(0))
-    if np.linalg.eigvalsh(found.robot.mass_matrix(q)).min() <= 0:
+    eigenvalues = np.linalg.eigvalsh(found.robot.mass_matrix(q))
+    if eigenvalues.min() <= 0:
         raise ValueRangeError("the mass matrix is not positive at some configuration. Nothing is written.")
     if found.held_out > max(_MAX_RATIO_TO_FILE * found.of_file, found.of_file + _MAX_INCREASE):
         raise ValueRangeError(
@@ -312,7 +322,8 @@ def check_written(found: ConsistentRobot) -> list[str]:
     remarks = []
     if found.held_out > found.of_file:
         remarks.append("the file's own bodies with friction explain rows held out as well")
-    identified_mass, file_mass = 0.0, 0.0
+    identified_mass = 0.0  # of all moving bodies
+    file_mass = 0.0
     for body, G in zip(model.bodies, found.inertias, strict=True):
         identified_mass += float(G.mass)
         file_mass += float(body.inertia.mass)
@@ -333,6 +344,7 @@ _KINDS = {
     "stribeck": "static friction above Coulomb's",
     "motor_inertia": "motor inertia",
 }
+"""Names of the kinds of joint values in notes."""
 
 
 def write_identified(
@@ -346,26 +358,29 @@ def write_identified(
 ) -> tuple[str, ...]:
     """Write the robot's file to ``path`` and the actuator file to ``actuators``, and return the notes.
 
-    Raises as :meth:`IdentifiedRobot.write` does. Both texts are checked before the first file is written.
+    ``given`` are entries of an actuator file that are kept, ``logs`` names of logs for a comment. Both texts are checked before
+    the first file is written. The errors are those of :meth:`IdentifiedRobot.write`.
     """
     _check_writable(found, actuators, force=force)
     consistent = found.consistent
     notes = [*check_written(consistent), *_notes_on_losses(found, actuators)]
     notes += consistent.outside(found.interval(), found.standard_deviations)
-    robot_file, actuator_file = None, None
+    robot_file: WrittenRobot | None = None
+    text_of_actuators: str | None = None
     if path is not None:
         robot_file = written_robot(found.original, consistent, _headline(found, logs))
     if actuators is not None:
-        actuator_file = actuator_text(found.original.model, consistent, given, found.load_friction)
-        if not same_actuators(actuator_file, consistent) <= _MAX_DIFFERENCE:
+        text_of_actuators = actuator_text(found.original.model, consistent, given, found.load_friction)
+        difference = same_actuators(text_of_actuators, consistent)
+        if not difference <= _MAX_DIFFERENCE:
             raise ValueRangeError("what was written of the actuators does not come back. Please report it.")
     if path is not None and robot_file is not None:
         with replacing(path) as temporary:
             temporary.write_bytes(robot_file.data)
-        notes += _notes_on_robot_file(robot_file, as_path(path), has_actuator_file=actuator_file is not None)
-    if actuators is not None and actuator_file is not None:
+        notes += _notes_on_robot_file(robot_file, as_path(path), has_actuator_file=text_of_actuators is not None)
+    if actuators is not None and text_of_actuators is not None:
         with replacing(actuators) as temporary:
-            temporary.write_text(actuator_file, encoding="utf-8")
+            temporary.write_text(text_of_actuators, encoding="utf-8")
     return tuple(notes)
 
 
@@ -385,7 +400,7 @@ def _check_writable(found: IdentifiedRobot, actuators: str | Path | None, *, for
 
 
 def _notes_on_losses(found: IdentifiedRobot, actuators: str | Path | None) -> list[str]:
-    """Remarks on results that neither file contains."""
+    """Remarks on results that none of the written files contains."""
     notes = []
     coupled_friction = _named_values(found.consistent.of_several_joints)
     if coupled_friction:
@@ -431,4 +446,5 @@ def _notes_on_robot_file(robot_file: WrittenRobot, path: Path, *, has_actuator_f
 
 
 def _named_values(values: Mapping[str, float]) -> str:
+    """Names with their values, separated by commas; empty without any."""
     return ", ".join(f"{name} {number(value)}" for name, value in values.items())

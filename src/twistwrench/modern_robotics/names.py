@@ -33,11 +33,12 @@ def named(target: Callable[..., Any], equation: str, result: str, *checks: Check
         labels = [f"{declared.__name__}: {name}" for name in inspect.signature(declared).parameters]
         first_check, first_label = checks[0], labels[0]
 
-        # The usual case by itself: a loop would double the time of a call.
         def evaluate_one(values: tuple[Any, ...]) -> Any:
+            """Result for one argument, the usual case; a loop would double the time of a call."""
             return target(first_check(values[0], first_label))
 
         def evaluate_several(values: tuple[Any, ...]) -> Any:
+            """Result for several arguments."""
             return target(*map(lambda check, value, label: check(value, label), checks, values, labels))
 
         evaluate = evaluate_one if len(checks) == 1 else evaluate_several
@@ -47,13 +48,13 @@ def named(target: Callable[..., Any], equation: str, result: str, *checks: Check
 
 
 def of_chain(quantity: str, equation: str, result: str) -> Callable[[Declared], Declared]:
-    """Row of a quantity of the chain of (Mlist, Glist, Slist), or of screws alone; its kernel takes gravity last."""
+    """Row of a quantity of the chain of (Mlist, Glist, Slist), or of screws alone."""
 
     def decorate(declared: Declared) -> Declared:
         names = [*inspect.signature(declared).parameters]
         has_masses = names[-3:] == ["Mlist", "Glist", "Slist"]
         inputs = [(name, position) for position, name in enumerate(names) if name not in LISTS]
-        inputs.sort(key=lambda name_and_position: name_and_position[0] == "g")  # moves g to the end
+        inputs.sort(key=lambda name_and_position: name_and_position[0] == "g")  # kernels take gravity g last
 
         def evaluate(values: tuple[Any, ...]) -> Array:
             chain = chain_of(*values[-3:]) if has_masses else screws_of(values[0], names[0])
@@ -69,12 +70,12 @@ def _book_function(
 ) -> Declared:
     """Function with the name and signature of a declaration, and with a docstring of its sentence, equation and result."""
     signature = inspect.signature(declared)
-    count = len(signature.parameters)
+    parameter_count = len(signature.parameters)
 
     @wraps(declared)
-    def function(*values: Any, **by_name: Any) -> Any:
-        if by_name or len(values) != count:
-            values = signature.bind(*values, **by_name).args
+    def function(*values: Any, **named_values: Any) -> Any:
+        if named_values or len(values) != parameter_count:
+            values = signature.bind(*values, **named_values).args
         return evaluate(values)
 
     returns = result or RETURNS[declared.__annotations__["return"]]  # by default the glossary's entry for the type

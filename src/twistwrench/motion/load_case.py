@@ -43,10 +43,11 @@ if TYPE_CHECKING:
 MIN_SHARE_OF_LARGEST = 1e-6
 """Fraction of the largest torque above which a joint counts as loaded; smaller torques are rounding errors."""
 _BUNDLED_FOLDER = Path(__file__).parent.parent / "robots"
+"""Folder of the bundled robots."""
 
 
 def limits_remedy(robot: str = "ROBOT") -> str:
-    """Remedy for missing or placeholder limits of a robot file (:attr:`Model.source`).
+    """Remedy for missing or placeholder limits of the robot file ``robot`` (:attr:`Model.source`).
 
     >>> limits_remedy("arm.urdf")
     "write a table with tw.info('arm.urdf').to_csv('limits.csv'), fill in its efforts, and add limits='limits.csv'"
@@ -75,14 +76,17 @@ def limits_remedy(robot: str = "ROBOT") -> str:
 
 
 _REMEDY_FOR_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
+"""Remedy for missing limits of coupled motors."""
 _MAX_LISTED_NAMES = 6
+"""Largest number of joints that a sentence names."""
 
 
 def confirmed_efforts(model: Model, *, of: str = "the robot") -> str:
-    """Remedy for efforts that are doubted and right: a header of the limits file with their unit."""
+    """Remedy for doubted efforts that are right: a header of the limits file with their unit. ``of`` is their source."""
     is_angular = Coordinates.from_model(model).angular_velocity
     some_turn = bool((driven_entries(model) & is_angular).any())
-    return f"if the efforts of {of} are right, name their unit in its header, 'effort [{unit_of('tau', some_turn)}]'"
+    unit = unit_of("tau", some_turn)
+    return f"if the efforts of {of} are right, name their unit in its header, 'effort [{unit}]'"
 
 
 def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
@@ -90,14 +94,17 @@ def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
 
     The motor of an elastic joint is loaded as the joint is.
     """
-    torque_size = np.abs(np.asarray(peaks, float))
-    entry_by_joint = {body.joint.name: body.places[1] for body in model.leaders}
+    magnitudes = np.abs(np.asarray(peaks, float))
+    entries_by_joint: dict[str, slice] = {}
+    for body in model.leaders:
+        _, entries = body.places
+        entries_by_joint[body.joint.name] = entries
     for motor, actuator in model.actuators.items():
-        if motor != actuator.joint:
-            motor_entry = entry_by_joint[motor]
-            joint_entry = entry_by_joint[actuator.joint]
-            torque_size[motor_entry] = np.maximum(torque_size[motor_entry], torque_size[joint_entry])
-    is_loaded = torque_size > MIN_SHARE_OF_LARGEST * torque_size.max(initial=0.0)
+        if motor != actuator.joint:  # the motor of an elastic joint
+            motor_entries = entries_by_joint[motor]
+            joint_entries = entries_by_joint[actuator.joint]
+            magnitudes[motor_entries] = np.maximum(magnitudes[motor_entries], magnitudes[joint_entries])
+    is_loaded = magnitudes > MIN_SHARE_OF_LARGEST * magnitudes.max(initial=0.0)
     return driven_entries(model) & is_loaded
 
 
@@ -108,10 +115,10 @@ def drives_without_limit(model: Model, effort: ArrayLike, peaks: ArrayLike) -> l
 
 
 def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
-    """Driven joints whose velocity limit is missing or implausibly large."""
+    """Names of driven joints whose velocity limit is missing or implausibly large."""
     is_angular = Coordinates.from_model(model).angular_velocity
-    unknown = ~np.isfinite(known_velocities(limits.velocity, is_angular))
-    return np.array(model.velocity_names, object)[driven_entries(model) & unknown].tolist()
+    is_unknown = ~np.isfinite(known_velocities(limits.velocity, is_angular))
+    return np.array(model.velocity_names, object)[driven_entries(model) & is_unknown].tolist()
 
 
 def placeholder_doubt(robot: Robot, limits: Limits) -> str:
@@ -128,9 +135,9 @@ def placeholder_doubt(robot: Robot, limits: Limits) -> str:
 
 
 def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
-    """Reasons why torque limits cannot be judged, sentences without a full stop.
+    """Reasons why torques cannot be judged by their limits, sentences without a full stop.
 
-    ``peaks`` (nv,) are the largest torques of a motion or pose. Limits given with their unit are not doubted.
+    ``peaks`` (nv,) are the largest torques of a motion or pose. Limits that are given with their unit are not doubted.
     """
     sentences: list[str] = []
     model = robot.model
@@ -141,8 +148,8 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
         coupled_motors = {*model.drive_labels} - {*model.velocity_names}
         if coupled_motors & {*missing}:
             remedy = _REMEDY_FOR_MOTORS
-        joints = _joints_text(missing, int(is_loaded.sum()))
-        sentences.append(Reason(sentence("unlimited", joints=joints, remedy=remedy), remedy))
+        joints_text = _joints_text(missing, int(is_loaded.sum()))
+        sentences.append(Reason(sentence("unlimited", joints=joints_text, remedy=remedy), remedy))
     is_unconfirmed = is_loaded & ~limits.has_unit("effort")
     if is_unconfirmed.any():
         doubt = placeholder_doubt(robot, limits)
@@ -152,7 +159,7 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
 
 
 def _joints_text(missing: Sequence[str], loaded_count: int) -> str:
-    """Joints without a limit, of ``loaded_count`` that are loaded."""
+    """Text of the joints without a limit, out of ``loaded_count`` joints that are loaded."""
     if loaded_count == 1:
         return sentence("one", joint=missing[0])
     names = ""
@@ -164,6 +171,7 @@ def _joints_text(missing: Sequence[str], loaded_count: int) -> str:
 TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
 """Causes of a torque: M ddq, c, g, springs, all terms of the payload, -J' F_on of wrenches, joint friction and damping."""
 _LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
+"""Printed names of causes, where they differ."""
 
 STEADY = ("gravity", "spring", "wrench", "friction")
 """Terms that depend on positions and velocities only, so that noise hardly affects them."""
@@ -179,20 +187,20 @@ def cause_label(term: str) -> str:
 
 
 _MIN_LEVER_OF_REACH = 1e-6
-"""Share of reach times gravity below which a torque per kilogram is due to a rounded angle."""
+"""Torque per kilogram, as a share of reach times gravity, below which it is due to a rounded angle."""
 
 
 def least_torque_per_kilogram(model: Model) -> float:
     """Torque per kilogram [N m/kg] below which a joint does not carry the payload: 1e-6 of the robot's reach times gravity."""
     length = reach(model)
     if not 0 < length < np.inf:
-        length = 1.0
+        length = 1.0  # [m]
     return _MIN_LEVER_OF_REACH * float(np.linalg.norm(model.gravity)) * length
 
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """A mass [kg] with its centre at a point (3,) [m] of a frame; the robot's tip if the frame is None."""
+    """A mass [kg] whose centre is at the point ``place`` (3,) [m] of a frame; None stands for the robot's tip."""
 
     mass: float
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -202,7 +210,7 @@ class Payload:
 
     @classmethod
     def from_inertia(cls, inertia: SpatialInertia, frame: str | None = None) -> Payload:
-        """A body with moments of inertia, in the axes of a frame; None: the robot's tip."""
+        """A body with moments of inertia, in the axes of a frame; None stands for the robot's tip."""
         x, y, z = np.asarray(inertia.com, float).tolist()
         return cls(float(inertia.mass), (x, y, z), frame, inertia)
 
@@ -226,7 +234,9 @@ def no_tip_for_payload(model: Model, mass: float) -> str:
 
 
 _MAX_LISTED_TIPS = 12
-_MIN_RATIO_OF_GRAMS, _MAX_RATIO_OF_GRAMS = 10.0, 1000.0
+"""Largest number of tips that a message names."""
+_MIN_RATIO_OF_GRAMS = 10.0
+_MAX_RATIO_OF_GRAMS = 1000.0
 """Multiples of the robot's moving mass between which a payload may be in grams."""
 _MIN_GRAMS = 10.0
 """Smallest number that may be in grams."""
@@ -271,10 +281,10 @@ class LoadCase:
                 frame = with_load.model.tip
             if frame is None:
                 raise FrameError(no_tip_for_payload(with_load.model, payload.mass))
-            with_load.model.frame(frame)  # raises an error for an unknown frame
+            with_load.model.frame(frame)  # only for the error if the frame is unknown
             with_load = with_load.with_payload(payload.inertia, frame=frame)
         for frame in self.wrenches:
-            with_load.model.frame(frame)
+            with_load.model.frame(frame)  # likewise
         wrenches = {frame: _wrench_array(F, frame) for frame, F in self.wrenches.items()}
         object.__setattr__(self, "wrenches", wrenches)
         object.__setattr__(self, "with_load", with_load)
@@ -300,7 +310,7 @@ class LoadCase:
 
     @property
     def unit_hints(self) -> tuple[str, ...]:
-        """Sentences on payloads that are far heavier than the robot, and would not be in grams."""
+        """Sentences on payloads that are far heavier than the robot, but would not be if their numbers were grams."""
         robot_mass = self.robot.model.moving_mass
         hints = [_hint_at_grams(payload.mass, robot_mass) for payload in self.payloads]
         return tuple(filter(None, hints))
@@ -374,7 +384,7 @@ class LoadCase:
         return terms
 
     def drive_torques(self, tau: Array) -> Array:
-        """Drive torques from joint torques, (..., nv)."""
+        """Drive torques (..., nv) from joint torques (..., nv)."""
         return np.asarray(motor_torques(self.with_load.model, tau))
 
     def mass_matrix(self, q: Array) -> Array:
@@ -405,8 +415,7 @@ class LoadCase:
         friction: Array | float = 0.0
         if self.friction:
             friction = self._friction(s, link_torques + rotor_torques)
-        # At rest, noise must not determine the direction of power through a gear.
-        dq_without_noise = np.where(s.stationary, 0.0, s.dq)
+        dq_without_noise = np.where(s.stationary, 0.0, s.dq)  # noise must not determine the direction of power at rest
         return motor_loads(self.with_load.model, dq_without_noise, link_torques + friction, rotor_torques)
 
     def _with_friction(self, s: MotionSamples, tau: Array) -> Array:
@@ -416,7 +425,7 @@ class LoadCase:
         return np.asarray(tau)
 
     def _friction(self, s: MotionSamples, tau: Array) -> Array:
-        """Joint friction (n, nv) under torques ``tau`` (n, nv) of everything else.
+        """Joint friction (n, nv) under the torques ``tau`` (n, nv) of all other causes.
 
         Stationary joints have viscous friction only, as the sign of their velocity is unknown.
         """
@@ -456,16 +465,15 @@ def reach(model: Model) -> float:
     distances = {BASE: 0.0}  # from the base to the frame of each body, fully stretched
     for i, body in enumerate(model.bodies):
         slides = body.joint.nv == 1 and not body.joint.axes[0][:3].any()
-        travel = 0.0
+        stroke = 0.0
         if slides:
             k = body.v_index
             largest_position = np.maximum(np.abs(model.limits.lower[k]), np.abs(model.limits.upper[k]))
-            travel = abs(body.ratio) * float(largest_position)
+            stroke = abs(body.ratio) * float(largest_position)
         distance_from_parent = float(np.linalg.norm(body.placement[:3, 3]))
-        distances[i] = distances[body.parent] + distance_from_parent + travel
-    end_distances = [
-        distances[frame.body] + float(np.linalg.norm(frame.pose[:3, 3])) for frame in model.frames.values()
-    ]
+        distances[i] = distances[body.parent] + distance_from_parent + stroke
+    frames = model.frames.values()
+    end_distances = [distances[frame.body] + float(np.linalg.norm(frame.pose[:3, 3])) for frame in frames]
     for i, body in enumerate(model.bodies):
         G = body.inertia
         if G.mass > 0.0:
@@ -479,24 +487,24 @@ def reach(model: Model) -> float:
 def parse_payload(text: str, tip: str | None = None) -> Payload:
     """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` if no frame is given; raises ValueRangeError with the expected form."""
     form = "MASS[,x,y,z][@FRAME] in kg and m, for example 5 or 2.5,0,0,0.08@tool0"
-    numbers, at, frame = text.partition("@")
-    mass_text, *coordinates = numbers.split(",")
-    mass_text = re.sub(r"(?<=[\d.])\s*kg\s*$", "", mass_text)  # 2kg
-    mass, *place = parse_numbers(",".join([mass_text, *coordinates]), "payload", form, 1, 4)
+    numbers_text, at_sign, frame = text.partition("@")
+    mass_text, *coordinate_texts = numbers_text.split(",")
+    mass_text = re.sub(r"(?<=[\d.])\s*kg\s*$", "", mass_text)  # the unit in 2kg
+    mass, *place = parse_numbers(",".join([mass_text, *coordinate_texts]), "payload", form, 1, 4)
     if mass < 0:
         raise ValueRangeError(f"payload {text!r} has a negative mass. Give kilograms, at least 0: {form}.")
-    if at and not frame.strip():
+    if at_sign and not frame.strip():
         raise ValueRangeError(f"payload {text!r} names no frame after '@'. Write {form}.")
     x, y, z = place or (0.0, 0.0, 0.0)
     return Payload(mass, (x, y, z), frame.strip() or tip)
 
 
 LoadsGiven: TypeAlias = "float | str | SpatialInertia | Payload | Mapping[str, Any] | Sequence[Any]"
-"""Kilograms, ``"5,0,0,0.1@tool0"``, a body, {frame: one of these}, or several of these."""
+"""Kilograms, text such as ``"5,0,0,0.1@tool0"``, a body, {frame: one of these}, or several of these."""
 
 
 def payloads_of(given: LoadsGiven, tip: str | None = None) -> tuple[Payload, ...]:
-    """Payloads that a user gives, at the ``tip`` if no frame is named.
+    """Payloads from the argument of a user, at the ``tip`` if no frame is named.
 
     Examples
     --------
@@ -558,10 +566,11 @@ class PayloadMargin:
 
     @property
     def words_alone(self) -> str:
-        """As :attr:`words`, if there are also limits of other loads, such as those of a grip, bolts or bearings."""
+        """As :attr:`words`, if other loads have limits too, such as a grip, bolts or bearings."""
         return self._sentence("margin alone")
 
     def _sentence(self, kind: str) -> str:
+        """Sentence of a kind, with the figures of this margin."""
         return sentence(kind, mass=rounded_down(self.mass), frame=self.frame, joint=self.joint, time=seconds(self.time))
 
 
@@ -569,11 +578,11 @@ class PayloadShares(NamedTuple):
     """Figures of the payload margin of some rows: (nv + k,) each, of the drives and of k mimic joints with an effort limit."""
 
     greatest: Extrema
-    """Negative share of the payload's mass that takes a torque to its limit; the greatest one is that of the margin."""
+    """Greatest value, over the rows, of the negative share of the payload's mass that takes a torque to its limit."""
     carried: Array
     """Largest contribution of the payload to the torque."""
     within: bool
-    """True if the robot alone keeps its limits."""
+    """True if the robot without the payload keeps its limits in all rows."""
 
     @classmethod
     def from_parts(cls, parts: Sequence[PayloadShares]) -> PayloadShares:
@@ -583,7 +592,7 @@ class PayloadShares(NamedTuple):
 
 
 def margin_determined(load: LoadCase) -> bool:
-    """True for a single payload, if friction does not depend on load: torques are then linear in the mass."""
+    """True for a single payload with mass, if friction does not depend on load: torques are then linear in the mass."""
     friction_depends_on_load = load.friction and load.robot.model.friction.load.any()
     if load.fixed_words or friction_depends_on_load:
         return False
@@ -595,29 +604,31 @@ def payload_shares(load: LoadCase, effort: Array, time: Array, torques: Array, c
     effort = _with_followers(load, effort)
     least_torque = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model)
     torques_without_payload = torques - carried
-    signed_limit = np.copysign(effort, carried)
+    signed_limits = np.copysign(effort, carried)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # torques_without_payload + share * carried = signed_limit
-        share = (signed_limit - torques_without_payload) / carried
+        # share of the payload with torques_without_payload + share * carried = signed_limits
+        shares_at_limit = (signed_limits - torques_without_payload) / carried
     carries_payload = np.abs(carried) > least_torque
-    share = np.where(carries_payload & ~np.isnan(share), share, np.inf)
+    shares = np.where(carries_payload & ~np.isnan(shares_at_limit), shares_at_limit, np.inf)
     within = bool((np.abs(torques_without_payload) <= effort).all())
-    return PayloadShares(Extrema.from_rows(time, -share, share), np.abs(carried).max(axis=0, initial=0.0), within)
+    return PayloadShares(Extrema.from_rows(time, -shares, shares), np.abs(carried).max(axis=0, initial=0.0), within)
 
 
 def _with_followers(load: LoadCase, effort: Array) -> Array:
-    """Torque limits (nv + k,): those of drives (nv,), then those of mimic joints that have one."""
+    """Torque limits (nv + k,): ``effort`` (nv,) of the drives, then the limits of the k mimic joints that have one."""
     model = load.robot.model
     follower_efforts = [model.bodies[i].effort for i in model.limited_followers]
     return np.array([*effort, *follower_efforts], float)
 
 
 def payload_margin(load: LoadCase, effort: Array, shares: PayloadShares) -> PayloadMargin | None:
-    """Margin; None if a loaded joint has no limit or the robot alone exceeds a limit."""
-    model, nv = load.robot.model, load.robot.nv
-    share, time = -shares.greatest.value, shares.greatest.time
-    k = min(range(len(share)), key=lambda k: (share[k], time[k]))  # the earliest one of equal shares
-    if not shares.within or not math.isfinite(share[k]):
+    """Payload margin of a motion; None if a loaded joint has no limit or the robot without the payload exceeds a limit."""
+    model = load.robot.model
+    nv = load.robot.nv
+    least_shares = -shares.greatest.value  # of the payload's mass, for each torque
+    times = shares.greatest.time
+    k = min(range(len(least_shares)), key=lambda k: (least_shares[k], times[k]))  # the earliest one of equal shares
+    if not shares.within or not math.isfinite(least_shares[k]):
         return None
     if drives_without_limit(model, effort[:nv], shares.carried[:nv]):
         return None
@@ -625,11 +636,11 @@ def payload_margin(load: LoadCase, effort: Array, shares: PayloadShares) -> Payl
     joint = [*model.drive_labels, *follower_names][k]
     payload = load.payloads[0]
     frame = payload.frame or model.tip or ""
-    return PayloadMargin(float(share[k]) * payload.mass, joint, float(time[k]), frame)
+    return PayloadMargin(float(least_shares[k]) * payload.mass, joint, float(times[k]), frame)
 
 
 def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:
-    """Positions [rad, m] of the joints in ``lock``; revolute ones are given in degrees if ``degrees``.
+    """Positions [rad, m] of the joints in ``lock``, whose keys are names or patterns; with ``degrees``, angles are in degrees.
 
     A name takes precedence over a pattern. Raises :class:`~twistwrench.UnknownNameError` if no joint matches, and
     :class:`~twistwrench.ValueRangeError` for positions beyond a joint's limits and for contradictory patterns.
@@ -637,18 +648,17 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
     bodies = {body.joint.name: body for body in model.bodies}
     positions: dict[str, float] = {}
     key_by_joint: dict[str, str] = {}
-    # Patterns first, so that names override them.
-    keys = sorted(lock, key=lambda key: not _is_pattern(key, bodies))
-    for key in keys:
+    patterns_first = sorted(lock, key=lambda key: not _is_pattern(key, bodies))  # so that names override them
+    for key in patterns_first:
         is_pattern = _is_pattern(key, bodies)
-        if not is_pattern:
-            matches = [key]
-        else:
+        if is_pattern:
             leaders = [body.joint.name for body in model.leaders if body.joint.nv == 1]
-            matches = [joint for joint in leaders if fnmatchcase(joint, key)]
-            if not matches:
+            joints = [joint for joint in leaders if fnmatchcase(joint, key)]
+            if not joints:
                 raise UnknownNameError.from_choices("joint that fits the pattern", key, leaders)
-        for joint in matches:
+        else:
+            joints = [key]
+        for joint in joints:
             position = lock[key]
             if degrees and joint in bodies and bodies[joint].joint.turning[0]:
                 position = math.radians(position)
@@ -671,7 +681,10 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
 
 
 def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
-    """Joints outside the chain between two frames; raises UnknownNameError, and ValueRangeError if the chain has no joint."""
+    """Names of the joints outside the chain between two frames.
+
+    Raises UnknownNameError for an unknown frame, and ValueRangeError if the chain has no joint.
+    """
     bodies_above_base = model.ancestors(model.frame(base).body)
     bodies_above_tip = model.ancestors(model.frame(tip).body)
     bodies_of_chain = bodies_above_base ^ bodies_above_tip  # above one frame only
@@ -684,12 +697,12 @@ def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
 
 
 def _is_pattern(key: str, joints: Mapping[str, object]) -> bool:
-    """True if a key is not the name of a joint and has wildcards."""
+    """True if a key has wildcards and is not the name of a joint."""
     return key not in joints and any(wildcard in key for wildcard in "*?[")
 
 
 def _check_position(model: Model, body: Body, position: float, argument: Argument, *, degrees: bool) -> None:
-    """Raise ValueRangeError for a position [rad, m] outside the joint's limits; ``degrees``: messages are in degrees."""
+    """Raise ValueRangeError for a position [rad, m] outside the joint's limits; ``degrees``: angles of messages are in °."""
     low = float(model.limits.lower[body.v_index])
     high = float(model.limits.upper[body.v_index])
     tolerance = float(model.limits.tolerance[body.v_index])

@@ -19,18 +19,20 @@ from ..mechanics.model.model import BASE, Model
 from .load_case import Payload, without_velocity_limit
 
 SHARE = 0.05
-"""Fraction of the robot's weight explained by errors of masses and derived accelerations."""
+"""Force, as a share of the robot's weight, up to which errors of masses and derived accelerations explain it."""
 SHARE_OF_WEIGHT_ON_EARTH = 0.001
-"""Fraction of the robot's weight on earth explained by rounding and noise under weak gravity."""
+"""Force, as a share of the robot's weight on earth, up to which rounding and noise explain it under weak gravity."""
 SURE_FORCE = 5.0
-"""Number of standard deviations that are subtracted from a force."""
+"""Number of standard deviations that are subtracted from a force, so that the remaining force is certain."""
+_MAX_LISTED = 4
+"""Largest number of names in a sentence."""
 
 
 class PeakTorque(Protocol):
     """Largest torque of one velocity entry."""
 
     @property
-    def peak(self) -> float: ...  # noqa: D102
+    def peak(self) -> float: ...  # noqa: D102  with its sign
     @property
     def uncertainty(self) -> float: ...  # noqa: D102  its standard deviation
     @property
@@ -87,7 +89,7 @@ BaseRemedy = Literal["hanging", "hanging, feet", "hangs, payload"]
 
 
 def base_doubts(model: Model, remedy: BaseRemedy = "hanging") -> list[str]:
-    """Sentence on a legged robot whose base nothing holds, without a full stop; the first reason to be unsure of torques."""
+    """Reason to be unsure of the torques of a legged robot whose base nothing holds; empty for other robots."""
     base = hanging_base(model)
     if base is None:
         return []
@@ -96,52 +98,63 @@ def base_doubts(model: Model, remedy: BaseRemedy = "hanging") -> list[str]:
 
 
 def hanging_excess(excess: str) -> str:
-    """Sentence on an excess computed for a legged robot whose base nothing holds, which is not certain."""
+    """Sentence on an excess that is uncertain, since nothing holds the base of the legged robot."""
     return sentence("hangs", word=str(Word.OVER_LIMIT), excess=excess)
 
 
 def open_loop_excess(excess: str) -> str:
-    """Sentence on an excess of a joint in a loop that is left open, which is not certain."""
+    """Sentence on an excess that is uncertain, since the joint is in a loop that is left open."""
     return sentence("opened", word=str(Word.OVER_LIMIT), excess=excess)
 
 
 _MIN_DISTANCE_OF_TIPS = 1e-3
-"""Distance [m] between tips above which the choice of the tip with the payload matters."""
+"""Distance [m] between tips of one body above which it matters at which of them the payload is."""
 
 
 def open_loop_joints(model: Model) -> list[str]:
-    """Names of the velocities in loops that the file describes: their torques would change with the closure's force."""
-    entries: set[int] = set()
+    """Names of the velocities in loops that the file describes and that are left open.
+
+    Their torques would change with the force of the closure.
+    """
+    velocity_indices: set[int] = set()
     for closure in model.closures.values():
         body_a = model.frame(closure.frame_a).body
         body_b = model.frame(closure.frame_b).body
         bodies_in_loop = model.ancestors(body_a) ^ model.ancestors(body_b)  # above one of the frames only
         for i in bodies_in_loop:
             body = model.bodies[i]
-            entries.update(range(body.v_index, body.v_index + body.joint.nv))
-    return [model.velocity_names[k] for k in sorted(entries)]
+            velocity_indices.update(range(body.v_index, body.v_index + body.joint.nv))
+    return [model.velocity_names[k] for k in sorted(velocity_indices)]
 
 
 def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
-    """Sentences without a full stop; ``joints`` are the peaks of all velocities if the base may float."""
-    clauses = []
+    """Warnings about massless links, a missing force at the base and open loops, as sentences without a full stop.
+
+    ``joints`` are the peaks of all velocities; without them, the force at the base is not judged.
+    """
+    warnings = []
     massless = massless_links(model)
     if massless:
-        verb, pronoun = ("have", "their") if len(massless) > 1 else ("has", "its")
-        clauses.append(f"{listed(massless, 4)} {verb} no mass, so {pronoun} weight is missing from the torques")
+        names = listed(massless, _MAX_LISTED)
+        if len(massless) > 1:
+            warnings.append(f"{names} have no mass, so their weight is missing from the torques")
+        else:
+            warnings.append(f"{names} has no mass, so its weight is missing from the torques")
     if joints:
         force = missing_force(model, joints)
         if force:
             force_text = force_in_words(model, force)
-            clauses.append(sentence("no contact", words=f"{force_text[0].lower()}{force_text[1:]}"))
+            force_clause = f"{force_text[0].lower()}{force_text[1:]}"
+            warnings.append(sentence("no contact", words=force_clause))
     loop_joints = open_loop_joints(model)
     if loop_joints:
-        (loops_text, first_closure), *other_closures = model.closures.items()
+        (loops_text, first_closure), *other_closures = model.closures.items()  # name and closure
         if other_closures:
             loops_text += f" and {len(other_closures)} more"
         arguments = f"{first_closure.frame_a!r}, {first_closure.frame_b!r}, {first_closure.rows!r}"
-        clauses.append(sentence("open loops", loops=loops_text, joints=listed(loop_joints, 4), given=arguments))
-    return clauses
+        joints_text = listed(loop_joints, _MAX_LISTED)
+        warnings.append(sentence("open loops", loops=loops_text, joints=joints_text, given=arguments))
+    return warnings
 
 
 def assumptions(
@@ -154,34 +167,34 @@ def assumptions(
 ) -> list[str]:
     """Assumptions of a verdict as clauses, the most consequential first.
 
-    ``friction`` is False if left out on request. Acceleration and jerk limits in ``unjudged`` are listed. ``mass`` is the
-    text of the payload's mass, for a page that sets it; default its number.
+    ``friction`` is False if the user leaves friction out. ``unjudged`` are limits that the verdict ignores: those of
+    acceleration and jerk are listed. ``mass`` is a text that stands for the payload's mass; None for its number.
     """
     clauses = []
     if unjudged:
         clauses += _limit_clauses(model, unjudged)
     if model.locked:
         joint_count = len(model.leaders) + len(model.locked)
-        clauses.append(
-            f"{len(model.leaders)} of {joint_count} joints checked, and {listed(model.locked, 4)} held still"
-        )
+        locked_joints = listed(model.locked, _MAX_LISTED)
+        clauses.append(f"{len(model.leaders)} of {joint_count} joints checked, and {locked_joints} held still")
     masses_at_tip = [payload.mass for payload in payloads if payload.frame is None]
     if any(masses_at_tip) and model.tip is not None:
-        distances = _tip_distances(model, model.tip)
-        if max(distances, default=0.0) > _MIN_DISTANCE_OF_TIPS:
-            mass = mass or number(sum(masses_at_tip))
-            clauses.append(f"{mass} kg at {model.tip} (one of {len(distances)} tips; {spell(Argument('tip'))})")
-    weightless = [name for name in model.leaves if name in model.shaped and _lacks_mass(model, name)]
-    if weightless:
-        verb = "have" if len(weightless) > 1 else "has"
-        clauses.append(f"{listed(weightless, 4)} {verb} a shape and no mass, so no weight")
+        tip_distances = _tip_distances(model, model.tip)
+        if max(tip_distances, default=0.0) > _MIN_DISTANCE_OF_TIPS:
+            mass_text = mass or number(sum(masses_at_tip))
+            remedy = spell(Argument("tip"))
+            clauses.append(f"{mass_text} kg at {model.tip} (one of {len(tip_distances)} tips; {remedy})")
+    weightless_links = [name for name in model.leaves if name in model.shaped and _lacks_mass(model, name)]
+    if weightless_links:
+        verb = "have" if len(weightless_links) > 1 else "has"
+        clauses.append(f"{listed(weightless_links, _MAX_LISTED)} {verb} a shape and no mass, so no weight")
     if not friction and model.friction.any:
         clauses.append("joint friction is left out")
     return clauses
 
 
 def _tip_distances(model: Model, name: str) -> list[float]:
-    """Distances [m] of all tips on the same body from the tip ``name``, itself included."""
+    """Distances [m] from the tip ``name`` to all tips on its body, including itself."""
     tip = model.frame(name)
     distances = []
     for leaf in model.leaves:
@@ -198,7 +211,7 @@ def _limit_clauses(model: Model, unjudged: Limits) -> list[str]:
     if unlimited_joints:
         names_text = ""
         if len(unlimited_joints) < len(model.velocity_names):
-            names_text = f" of {listed(unlimited_joints, 4)}"
+            names_text = f" of {listed(unlimited_joints, _MAX_LISTED)}"
         clauses.append(f"no velocity limit{names_text} is known")
     kinds = [kind for kind in ("acceleration", "jerk") if np.isfinite(getattr(unjudged, kind)).any()]
     if kinds:
@@ -216,7 +229,7 @@ def _lacks_mass(model: Model, link: str) -> bool:
 
 
 def assumed_words(clauses: Sequence[str]) -> str:
-    """Text with the number of :func:`assumptions` and the first; empty if there are none."""
+    """Text with the number of assumptions and the first of them; empty if there are none."""
     if not clauses:
         return ""
     if len(clauses) == 1:
@@ -225,7 +238,7 @@ def assumed_words(clauses: Sequence[str]) -> str:
 
 
 def friction_words(model: Model, *, counted: bool) -> str:
-    """Text on friction for headings."""
+    """Text on friction for headings; ``counted`` is True if torques include it."""
     if not counted:
         return "without friction"
     return "with friction" if model.friction.any else "no friction, as its file gives none"

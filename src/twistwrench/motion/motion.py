@@ -119,31 +119,34 @@ class Motion(MotionDoors, metaclass=HintedClass):
         if t.ndim != 1 or not len(t) or q.shape != (len(t), model.nq):
             raise ShapeError(f"Motion: time has shape {t.shape} and q {q.shape}; give (n,) and (n, {model.nq}).")
         for body in model.leaders:
-            if not body.joint.is_configuration(q[:, body.places[0]]):
+            coordinate_slice, _ = body.places
+            if not body.joint.is_configuration(q[:, coordinate_slice]):
                 raise ValueRangeError(
                     f"Motion: q has a quaternion of zeros at joint {body.joint.name!r}, which is not a rotation."
                 )
         does_not_increase = np.diff(t) <= 0
         if does_not_increase.any():
-            k = int(np.argmax(does_not_increase))
+            k = int(np.argmax(does_not_increase))  # the first True
             raise ValueRangeError(
                 f"Motion: time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
             )
         arrays = {label: self._checked_array(label, len(t)) for label in ("dq", "ddq", "tau", "command")}
-        has_given_rates = arrays["dq"] is not None or arrays["ddq"] is not None
-        if arrays["dq"] is None or arrays["ddq"] is None:
-            source = "positions" if arrays["dq"] is None else "velocities"
+        has_dq = arrays["dq"] is not None
+        has_ddq = arrays["ddq"] is not None
+        if not has_dq or not has_ddq:
+            source = "velocities" if has_dq else "positions"
             object.__setattr__(self, "derived", source)
             arrays["dq"], derived_ddq = _derived_rates(self.robot, t, q, arrays["dq"])
-            if arrays["ddq"] is None:
+            if not has_ddq:
                 arrays["ddq"] = derived_ddq
         for label, array in {"time": t, "q": q, **arrays}.items():
             object.__setattr__(self, label, array)
-        if self.notes or self.in_seconds or self.read is not None:  # judged by its source
+        is_judged_by_source = bool(self.notes) or self.in_seconds or self.read is not None
+        if is_judged_by_source:
             return
         # Only checks that take little time; :attr:`doubts` makes all of them.
         checks = Contradictions(self.coordinates, time_stated=False, runs=[self])
-        if has_given_rates:
+        if has_dq or has_ddq:
             doubts = checks.rate_doubts()
         else:
             checks.add(t, q)
@@ -160,8 +163,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
             return None
         model = self.robot.model
         array = np.asarray(arguments.real(given, f"Motion: {label}", model.nv, names=model.velocity_names), float)
-        may_be_missing = np.isnan(array).all(axis=0) & (label == "command")  # joints without commands
-        arguments.finite(np.where(may_be_missing, 0.0, array), f"Motion: {label}")
+        has_no_command = np.isnan(array).all(axis=0) & (label == "command")  # for each joint
+        arguments.finite(np.where(has_no_command, 0.0, array), f"Motion: {label}")  # only for its error
         if array.shape != (row_count, model.nv):
             raise ShapeError(f"Motion: {label} has shape {array.shape}; give ({row_count}, {model.nv}).")
         return array
@@ -253,11 +256,12 @@ class Motion(MotionDoors, metaclass=HintedClass):
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
-        file, notes_on_ignored = data_frame_file(frame)
+        file, notes_on_ignored_columns = data_frame_file(frame)
         reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
         log = MotionLog.open(file, robot.model, commands=True, **reading)
         motion = cls._from_log(log, robot)
-        return replace(motion, notes=(*motion.notes, *notes_on_ignored))._with_log(motion.log)
+        with_notes = replace(motion, notes=(*motion.notes, *notes_on_ignored_columns))
+        return with_notes._with_log(motion.log)
 
     @classmethod
     def _from_log(cls, log: MotionLog, robot: Robot) -> Motion:
@@ -266,15 +270,15 @@ class Motion(MotionDoors, metaclass=HintedClass):
 
         rows = log.motion(log.table)
         doubts = log.doubts(robot.limits)
-        doubt_notes: list[str] = []
-        other_notes: list[str] = []
+        doubt_texts: list[str] = []
+        note_texts: list[str] = []
         for doubt in doubts:
             if doubt.refuses:
-                doubt_notes.append(f"LOOK AGAIN: {doubt}")
+                doubt_texts.append(f"LOOK AGAIN: {doubt}")
             elif doubt.level != "note":
-                doubt_notes.append(str(doubt))
+                doubt_texts.append(str(doubt))
             elif doubt.kind in ASKED:
-                other_notes.append(str(doubt))
+                note_texts.append(str(doubt))
         rates: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq}  # None for rates that the log does not have
         motion = cls(
             rows.time,
@@ -286,13 +290,13 @@ class Motion(MotionDoors, metaclass=HintedClass):
             read=doubts,
             epoch=log.epoch,
             plan=log.plan,
-            notes=(*log.notes, *doubt_notes, *other_notes),
+            notes=(*log.notes, *doubt_texts, *note_texts),
             in_seconds=True,
         )
         return motion._with_log(log)
 
     def _with_log(self, log: MotionLog | None) -> Motion:
-        """Set :attr:`log`; returns the motion itself."""
+        """Set :attr:`log`, and return this motion."""
         object.__setattr__(self, "_log", log)
         return self
 
@@ -345,13 +349,13 @@ class Motion(MotionDoors, metaclass=HintedClass):
         """
         begin = arguments.number(begin, "begin")
         end = arguments.number(end, "end")
-        after_end = np.nextafter(end, np.inf)  # a state at this very time is included
-        first, stop = np.searchsorted(self.time, [begin, after_end]).tolist()
-        if not first < stop:
+        after_end = np.nextafter(end, np.inf)  # a state at the end itself is included
+        first_row, stop_row = np.searchsorted(self.time, [begin, after_end]).tolist()
+        if not first_row < stop_row:
             raise ValueRangeError(
                 f"Motion: no state lies between {printed(begin)} and {printed(end)} s; this is {self!r}."
             )
-        return self[first:stop]
+        return self[first_row:stop_row]
 
     def __repr__(self) -> str:
         doubts = [note for note in self.notes if note.startswith("LOOK AGAIN")]
@@ -387,6 +391,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
 
     @cached_property
     def _steps(self) -> RecordedSteps:
+        """Differences of successive rows."""
         steps = RecordedSteps(self.coordinates, [(self.time, self.q)])
         steps.add(self.time, self.q)
         return steps
@@ -421,8 +426,9 @@ class Motion(MotionDoors, metaclass=HintedClass):
         """
         t = np.asarray(arguments.finite(t, "Motion.at: t"), float)
         q, dq, ddq = states_between(self.robot, self.time, self.q, self.dq, self.ddq, t)
-        is_inside = ((t >= self.time[0]) & (t <= self.time[-1]))[..., None]
-        return q, np.where(is_inside, dq, 0.0), np.where(is_inside, ddq, 0.0)
+        is_inside = (t >= self.time[0]) & (t <= self.time[-1])
+        moves = is_inside[..., None]
+        return q, np.where(moves, dq, 0.0), np.where(moves, ddq, 0.0)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Same as :meth:`at`, so that a motion can be a controller's reference."""
@@ -444,7 +450,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
 
     @property
     def _dq_for_friction(self) -> Array:
-        """Velocities (n, nv) whose signs at the first and the last sample are those just inside of the motion."""
+        """Velocities (n, nv); at the first and the last sample they have the signs of the velocities just inside the motion."""
         return velocities_inside(self.time, self.dq, self.ddq, self.time[0], self.time[-1])
 
     def terms(self, *, friction: bool = False) -> dict[str, Array]:
@@ -520,7 +526,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
                 continue
             names = coordinates.headers(part, degrees=degrees)
             named_columns = zip(names, (array * factor).T, strict=True)
-            # NaN: a joint without commands
+            # without NaN, which stands for a joint without commands
             columns |= {name: column for name, column in named_columns if not np.isnan(column[0])}
         return columns
 
@@ -540,7 +546,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
         ValueRangeError
             The file cannot be written.
         """
-        path, columns = as_path(path), self.columns(degrees=degrees)
+        path = as_path(path)
+        columns = self.columns(degrees=degrees)
         with csv_table(path, columns) as table:
             table.numbers(np.column_stack(list(columns.values())))
         return path
@@ -558,7 +565,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
             pandas is not installed.
         """
         columns = self.columns()
-        return data_frame(columns).set_index(next(iter(columns)))
+        time_name, *_ = columns
+        return data_frame(columns).set_index(time_name)
 
     def to_xarray(self) -> Any:
         """Dataset of q, dq, ddq, and of tau and command if known, with named axes: time, coordinate, joint.
@@ -601,14 +609,15 @@ class Motion(MotionDoors, metaclass=HintedClass):
 
 
 def _derived_rates(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array, Array]:
-    """Velocities and accelerations (n, nv): dq as given, if not None, and derivatives of a quintic spline."""
+    """Velocities and accelerations (n, nv) by a quintic spline of q, or of the velocities ``dq`` if they are known."""
     if len(t) < FEWEST:
         raise ValueRangeError(
             f"Motion: {len(t)} samples are too few to derive rates from; give dq and ddq, or {FEWEST} samples. "
             "tw.trajectories.move makes a motion between a few poses."
         )
     if dq is not None:
-        return dq, spline_rates(t, dq)[0]
+        ddq, _ = spline_rates(t, dq)
+        return dq, ddq
     q = continuous(robot.model, q)
     return joint_rates(robot.model, q, *spline_rates(t, q))
 

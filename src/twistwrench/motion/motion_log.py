@@ -42,13 +42,17 @@ if TYPE_CHECKING:
     from .motion import Motion
 
 _MAX_STAMPS = 1 << 24
-"""Number of rows whose stamps are inspected together: 128 MiB."""
+"""Largest number of rows whose stamps are inspected, since they are inspected together: 128 MiB."""
 _ROUNDING_ROWS = 1 << 12
 """Number of rows used to detect rounded stamps."""
 _MIN_QUATERNION_NORM = 1e-6
 """Norm of a quaternion below which it is not a rotation."""
-_RUN_COUNT, _ROWS_OF_RUN = 16, 1 << 12
-"""Number of runs of a long log, and rows in each, by which rates and sampling are judged."""
+_RUN_COUNT = 16
+"""Number of runs of a long log by which rates and sampling are judged."""
+_ROWS_OF_RUN = 1 << 12
+"""Number of rows in each of these runs."""
+_MAX_LISTED = 6
+"""Largest number of joints or columns that a doubt names."""
 ASKED = ("time-step", "angle-unit", "degrees-option")
 """Kinds of notes in which a unit may be correct after all."""
 
@@ -76,11 +80,13 @@ class _DecodedRows:
     """Rows of a log and what was found in them."""
 
     table: Array
+    """Rows (n, columns), one for each time."""
     duplicates: DuplicateTimestamps
+    """Rows that repeat a time, and are left out."""
     clock: float | None
-    """Rate of the steady clock that replaces rounded stamps [Hz]; None if it replaces none."""
+    """Rate of the steady clock that replaces rounded stamps [Hz]; None if stamps are not rounded."""
     wrong_stamps: dict[float, float]
-    """Delays of stamps [s], by the times of the rows that were dropped for them."""
+    """Delays of wrong stamps [s], by the times of their rows, which are dropped."""
     contradictions: Contradictions
     steps: RecordedSteps
     mimic_joints: list[Doubt]
@@ -112,7 +118,7 @@ class MotionLog:
     locked: tuple[str, ...] = ()
     """Locked joints."""
     unused: tuple[str, ...] = ()
-    """Unused varying columns, which may belong to these joints."""
+    """Unused varying columns, which may belong to locked joints."""
     of_source: tuple[Doubt, ...] = ()
     """Doubts about conventions of the programs and makers that write such files."""
     plan: bool = False
@@ -283,6 +289,7 @@ class MotionLog:
 
     @cached_property
     def _rows(self) -> _DecodedRows:
+        """Rows of the file, decoded, repaired and checked."""
         table = self.file.table(self.columns.used)
         if not len(table):
             line = self.file.header_line if isinstance(self.file, CsvFile) else 0
@@ -310,18 +317,19 @@ class MotionLog:
             contradictions = self._contradictions(table, dated=bool(epoch))  # others may show without these rows
         contradictions.runs = [self.motion(run) for run in log_table.excerpts(table, _RUN_COUNT, _ROWS_OF_RUN)]
         portions = ((self.motion(table[rows]), table[rows]) for rows in slices(len(table)))
-        doubts_on_mimic_joints = mimic_doubts(self.columns.mimic_joints, portions)
+        doubts_about_mimic_joints = mimic_doubts(self.columns.mimic_joints, portions)
         steps = RecordedSteps(self.coordinates, [(run.time, run.q) for run in contradictions.runs])
         for window, own_rows in windows(len(table), log_table.ROWS, SURROUNDINGS):
             steps.add(table[window, 0], self.columns.si_values(table[window], "q"), own_rows)
         return _DecodedRows(
-            table, duplicates, clock, all_wrong_stamps, contradictions, steps, doubts_on_mimic_joints, date, epoch
+            table, duplicates, clock, all_wrong_stamps, contradictions, steps, doubts_about_mimic_joints, date, epoch
         )
 
     def _with_row_times(self, table: Array) -> Array:
         """Table with times [s] from the numbers of the rows as its first column."""
 
         def timed_portions() -> Iterator[Array]:
+            """Rows with their times, portion by portion."""
             for rows in slices(len(table)):
                 times = self.columns.seconds * np.arange(rows.start, rows.stop)
                 yield np.c_[times, table[rows]]
@@ -331,11 +339,12 @@ class MotionLog:
     def _merge_duplicates(self, table: Array) -> tuple[Array, DuplicateTimestamps]:
         """Table with one row for each time, and the rows that this leaves out."""
         duplicates = DuplicateTimestamps()
-        angles = np.flatnonzero(self.coordinates.angular)
-        half_turn = math.pi / self.columns.angle[angles]  # in the unit of each column
+        angle_indices = np.flatnonzero(self.coordinates.angular)  # among the coordinates
+        half_turns = math.pi / self.columns.angle[angle_indices]  # in the unit of each column
         q_columns = self.columns.places["q"]
-        angle_columns = np.zeros(0, int) if q_columns is None else q_columns[angles]
-        return duplicates.merge(table, angle_columns, half_turn, str(self.path)), duplicates
+        angle_columns = np.zeros(0, int) if q_columns is None else q_columns[angle_indices]
+        merged_table = duplicates.merge(table, angle_columns, half_turns, str(self.path))
+        return merged_table, duplicates
 
     @cached_property
     def origin(self) -> Origin:
@@ -344,7 +353,7 @@ class MotionLog:
         if q_columns is None:
             q_columns = np.zeros(0, int)
         runs = log_table.excerpts(self.table, _RUN_COUNT, _ROWS_OF_RUN)
-        # Positions in the unit of the file, whose steps show an encoder.
+        # positions in the unit of the file: their steps show an encoder
         positions_and_torques = [(run[:, q_columns], self.columns.si_values(run, "tau")) for run in runs]
         return origin_of(positions_and_torques, plan=self.plan)
 
@@ -354,7 +363,7 @@ class MotionLog:
         return tuple(self._rows.steps.instants)
 
     def _contradictions(self, table: Array, *, dated: bool) -> Contradictions:
-        """Statistics of all rows; ``dated``: time counts from 1970 in the file."""
+        """Statistics of all rows; ``dated`` is True if time counts from 1970 in the file."""
         columns = self.columns
         is_in_seconds = columns.time_stated or is_called_seconds(columns.header[columns.time])
         # Degrees in a header are doubted, since some programs write them by habit, unless the caller confirms them.
@@ -367,9 +376,9 @@ class MotionLog:
             angle_stated=columns.angle_stated & (~is_in_degrees | self.degrees),
         )
         for block in slices(len(table)):
-            first = max(0, block.start - OVERLAP)
-            rows = table[first : block.stop]
-            contradictions.add(rows[:, 0], columns.si_values(rows, "q"), block.start - first)
+            first_row = max(0, block.start - OVERLAP)
+            rows = table[first_row : block.stop]
+            contradictions.add(rows[:, 0], columns.si_values(rows, "q"), block.start - first_row)
         return contradictions
 
     def motion(self, table: Array) -> LogRows:
@@ -392,7 +401,8 @@ class MotionLog:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences about assumptions: from the header, and from the rows once they are decoded."""
-        columns, decoded = self.columns, self._rows
+        columns = self.columns
+        decoded = self._rows
         notes: list[str] = [*columns.notes, *map(ReadingNote, decoded.date)]
         if columns.of_locked:
             notes.append(f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}.")
@@ -414,7 +424,7 @@ class MotionLog:
 
         Parameters
         ----------
-        own : Limits, optional, of the robot's file; steps are judged by them where ``limits`` were given with their unit
+        own : Limits, optional, of the robot's file; they judge steps of joints whose ``limits`` were given with their unit
         glitches : bool, include single wrong rows; False if smoothing reports them in more detail
 
         Returns
@@ -446,19 +456,22 @@ class MotionLog:
         checked_count = len(self.coordinates.velocity_names)
         words: dict[str, Any] = {
             "checked": f"{checked_count} of {checked_count + len(self.locked)}",
-            "held": listed(joints, 6),
-            "columns": listed(self.unused, 6),
+            "held": listed(joints, _MAX_LISTED),
+            "columns": listed(self.unused, _MAX_LISTED),
         }
         return [doubt("unused-columns", joints, **words)]
 
     def _with_listed_column(self, joint_doubt: Doubt) -> Doubt:
         """Doubt with the column of its joint, if the caller listed the columns, as their order may be another one."""
-        names, q_columns = self.coordinates.names, self.columns.places["q"]
+        names = self.coordinates.names
+        q_columns = self.columns.places["q"]
         joints = [joint for joint in joint_doubt.joints if joint in names]
-        if not self.columns.listed or not joint_doubt.refuses or not joints or q_columns is None:
+        may_be_other_order = self.columns.listed and joint_doubt.refuses
+        if not may_be_other_order or not joints or q_columns is None:
             return joint_doubt
         joint = joints[0]
-        column = self.columns.header[int(q_columns[names.index(joint)])]
+        column_index = int(q_columns[names.index(joint)])
+        column = self.columns.header[column_index]
         columns_option = spell(Argument("columns"))
         remedy = spell(Argument("columns", {joint: "COLUMN"}))
         return replace(
@@ -471,8 +484,9 @@ class MotionLog:
         """Replace rounded stamps by a steady clock and return its rate [Hz]; the first rows show the rounding."""
         first_rows = table[:_ROUNDING_ROWS]
         has_equal_time = np.diff(first_rows[:, 0]) == 0
-        is_rounded = has_equal_time & (first_rows[1:, 1:] != first_rows[:-1, 1:]).any(axis=1)
-        most_rows_repeat = 2 * is_rounded.sum() < has_equal_time.sum()
+        has_other_values = (first_rows[1:, 1:] != first_rows[:-1, 1:]).any(axis=1)
+        is_rounded = has_equal_time & has_other_values
+        most_rows_repeat = 2 * is_rounded.sum() < has_equal_time.sum()  # of the rows with an equal time
         if len(table) > _MAX_STAMPS or not is_rounded.any() or most_rows_repeat:
             return None
         times = steady_times(np.array(table[:, 0]))
@@ -489,7 +503,7 @@ class MotionLog:
             times = np.r_[last_time, rows[:, 0]]
             decreases = times[1:] < times[:-1]
             if decreases.any():
-                k = int(decreases.argmax())
+                k = int(decreases.argmax())  # the first True
                 raise TrajectoryError(
                     f"{self.path}: {self.file.place(block.start + k)}, column {self.columns.header[0]!r}: time "
                     f"{float(times[k + 1])!r} comes before {float(times[k])!r} of the row above. Sort the rows by time, and "
@@ -497,7 +511,8 @@ class MotionLog:
                 )
             last_time = times[-1]
             for quaternion_columns in self.columns.quaternions:
-                is_zero = np.linalg.norm(rows[:, quaternion_columns], axis=1) < _MIN_QUATERNION_NORM
+                norms = np.linalg.norm(rows[:, quaternion_columns], axis=1)
+                is_zero = norms < _MIN_QUATERNION_NORM
                 if is_zero.any():
                     place = self.file.place(block.start + int(is_zero.argmax()))
                     first_column = self.columns.header[quaternion_columns[0]]

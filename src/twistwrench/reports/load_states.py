@@ -45,22 +45,23 @@ class LoadStates(NamedTuple):
         motion = states_of(report)
         if not report.noisy:
             return cls(motion)
-        plan = report.differentiation
+        differentiation = report.differentiation
         rng = np.random.default_rng(0)
         parts_of_draws: list[list[MotionSamples]] = [[] for _ in range(DRAWS)]
-        for _, rows, inner in plan.surrounded_states(_ROWS_PER_SLICE):  # rows beyond the inner ones only smooth these
-            for parts, states in zip(parts_of_draws, _draw_states(plan, rows, rng), strict=True):
-                parts.append(states[inner])
+        # rows beyond the inner ones only smooth these
+        for _, log_rows, inner_rows in differentiation.surrounded_states(_ROWS_PER_SLICE):
+            for parts, states in zip(parts_of_draws, _draw_states(differentiation, log_rows, rng), strict=True):
+                parts.append(states[inner_rows])
         return cls(motion, tuple(_join_states(parts, report.load.robot) for parts in parts_of_draws))
 
     @classmethod
     def from_motion(cls, robot: Robot, motion: Motion, *, friction: bool = True) -> LoadStates:
-        """States of a motion in memory; if its rates were derived, it is analysed like a log."""
+        """States of a motion in memory; a motion with derived rates is analysed like a log."""
         if not motion.derived:
             return cls(motion)
         log = MotionLog.from_motion(motion)
-        plan = Differentiation.plan(log, robot.model)
-        report = analyse(LoadCase(robot, friction=friction), plan, robot.limits)
+        differentiation = Differentiation.plan(log, robot.model)
+        report = analyse(LoadCase(robot, friction=friction), differentiation, robot.limits)
         return cls.from_report(report)
 
 
@@ -71,16 +72,16 @@ def states_of(report: TorqueReport) -> Motion:
 
 def _join_states(parts: Iterable[MotionSamples], robot: Robot) -> Motion:
     """Motion of consecutive states; joints at rest within the noise have no velocity."""
-    rows = [(s.time, s.q, np.where(s.stationary, 0.0, s.dq), s.ddq) for s in parts]
-    time, q, dq, ddq = map(np.concatenate, zip(*rows, strict=True))
+    arrays_of_parts = [(s.time, s.q, np.where(s.stationary, 0.0, s.dq), s.ddq) for s in parts]
+    time, q, dq, ddq = map(np.concatenate, zip(*arrays_of_parts, strict=True))
     return Motion(time, q, dq, ddq, robot=robot, in_seconds=True)
 
 
-def _draw_states(plan: Differentiation, rows: LogRows, rng: np.random.Generator) -> list[MotionSamples]:
+def _draw_states(differentiation: Differentiation, log_rows: LogRows, rng: np.random.Generator) -> list[MotionSamples]:
     """States of random logs of the smoothed motion, each smoothed as the log is."""
-    smoothed = plan.smooth(rows.time, plan.curves(rows))
-    rates, _ = spline_rates(rows.time, smoothed)
-    drawn: Array = plan.errors.drawn(rng, smoothed, rates, DRAWS)  # (n, k, draws)
-    quantity = "q" if rows.dq is None else "dq"
-    drawn_logs = [replace(rows, **{quantity: drawn[:, :, draw]}) for draw in range(DRAWS)]
-    return [plan.complete(log) for log in drawn_logs]
+    smoothed_curves = differentiation.smooth(log_rows.time, differentiation.curves(log_rows))
+    rates, _ = spline_rates(log_rows.time, smoothed_curves)
+    drawn_curves: Array = differentiation.errors.drawn(rng, smoothed_curves, rates, DRAWS)  # (n, k, draws)
+    quantity = "q" if log_rows.dq is None else "dq"  # of the curves
+    drawn_logs = [replace(log_rows, **{quantity: drawn_curves[:, :, draw]}) for draw in range(DRAWS)]
+    return [differentiation.complete(log) for log in drawn_logs]

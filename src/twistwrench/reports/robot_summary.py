@@ -54,29 +54,30 @@ def html_summary(robot: Robot) -> str | None:
     if robot.defects:
         title += f", {len(robot.defects)} defects"
     heads = [name.replace("_", " ") for name in _NOTEBOOK_COLUMNS]
-    return html_table(title, heads, map(itemgetter(*_NOTEBOOK_COLUMNS), joint_rows(robot.model)))
+    cells_of_row = itemgetter(*_NOTEBOOK_COLUMNS)
+    return html_table(title, heads, map(cells_of_row, joint_rows(robot.model)))
 
 
 def joint_rows(model: Model) -> list[dict[str, Any]]:
-    """Rows for each velocity entry of each joint, with the entries :data:`COLUMNS`; actuator rotors have no rows.
+    """A row for each velocity of each joint, by :data:`COLUMNS`; an unknown value is None. Actuator rotors have no rows.
 
-    A mimic joint's row names its leader, ratio and offset, without limits, damping and friction. Effort, damping, friction and
-    armature of coupled joints belong to their motors and are left out.
+    The row of a mimic joint has its leader, ratio and offset, and neither limits nor losses. Rows of coupled joints have no
+    effort, damping, friction and armature, since these belong to the motors.
     """
     rows: list[dict[str, Any]] = []
     coordinates = Coordinates.from_model(model)
-    is_coupled = coupled_entries(model)
-    for index, body in enumerate(model.bodies):
+    is_coupled = coupled_entries(model)  # of each velocity
+    for body_index, body in enumerate(model.bodies):
         joint = body.joint
         if not joint.moves_body:
             continue
         for k in range(body.v_index, body.v_index + joint.nv):
-            row = dict.fromkeys(COLUMNS)  # in their order
+            row = dict.fromkeys(COLUMNS)  # None for all, in the order of the columns
             row["type"] = joint.kind
             row["joint"] = joint.name
             row["parent_link"] = _root(model) if body.parent == BASE else link_of(model, body.parent)
-            row["child_link"] = link_of(model, index)
-            if body.follows:  # a mimic joint: entry k is its leader's
+            row["child_link"] = link_of(model, body_index)
+            if body.follows:  # a mimic joint: velocity k belongs to its leader
                 row["velocity_name"] = joint.name
                 row["unit"] = unit_of("q", bool(joint.axes[0, :3].any()))
                 row["leader"] = coordinates.velocity_names[k]
@@ -91,7 +92,7 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
 
 
 def _joint_figures(model: Model, k: int, *, is_coupled: bool) -> dict[str, float | None]:
-    """Limits, friction and armature of velocity entry k.
+    """Limits, friction and armature of velocity k.
 
     A figure is None if it is unknown, or if it belongs to the motors of a coupled joint.
     """
@@ -121,7 +122,7 @@ def _root(model: Model) -> str:
 
 
 def _links(model: Model) -> list[dict[str, Any]]:
-    """Links with inertia, each in its own frame."""
+    """Name, carrier, mass, centre of mass and inertia of each link with inertia, in the link's own frame."""
     links = []
     for link, inertia in model.link_inertias.items():
         if not inertia.parameters.any():
@@ -138,14 +139,14 @@ def _links(model: Model) -> list[dict[str, Any]]:
 
 
 def body_of_link(model: Model, link: str) -> int:
-    """Index of the body that moves a link; that of the base for links that are not frames."""
+    """Index of the body that moves a link; BASE for links that are not frames."""
     return model.frames[link].body if link in model.frames else BASE
 
 
 def link_of(model: Model, body: int) -> str:
-    """Link whose frame is the body frame, the child of its joint; "base" for the base.
+    """Link whose frame is the body frame, which is the child of the body's joint; "base" for the base.
 
-    If no link has the body frame, the first link of the body.
+    If no link has the body frame, this is the first link of the body.
     """
     if body == BASE:
         return "base"

@@ -306,7 +306,7 @@ class FileMethods(RobotBase):
 
 
 def _text(robot: Any, file_format: str) -> str:
-    """Text of a robot in a format; warns of what it cannot represent."""
+    """Text of a robot in a format; warns of what the format cannot represent."""
     from ..formats.writers import WRITERS
 
     document = WRITERS[file_format](require_robot(robot, f"to_{file_format}").model)
@@ -623,7 +623,7 @@ class ExportMethods(ConstraintMethods):
         return export_cuda(self.open(), self._with_constraints(quantities), path, precision=precision, prefix=prefix)
 
     def _with_constraints(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
-        """Names of quantities with their options, including the constraints."""
+        """Names of quantities with their options, including the robot's constraints."""
         from .export.request import name_option_pairs
         from .kernels.options import options_of
 

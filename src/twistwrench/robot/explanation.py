@@ -21,11 +21,13 @@ from ..mechanics.model.model import BASE, Model
 from .doors import ExplanationDoors
 
 MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
-"""Terms of τ in this order: M ddq; those with squares dq_i²; those with products dq_i dq_j, i ≠ j; g(q)."""
-
-
+"""Terms of τ in this order: M ddq; terms with squares dq_i²; terms with products dq_i dq_j, i ≠ j; g(q)."""
 NEGLIGIBLE_PART = "·"
 """Text of a part that is too small to be shown."""
+_NEGLIGIBLE_SHARE = 1e-12
+"""Torque or parameter, as a share of the largest, up to which it is a rounding error."""
+_PARAMETERS = 10
+"""Number of inertial parameters of a body."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,10 +93,10 @@ class Explanation(ExplanationDoors):
         for kind, name, choices in (("cause", cause, self.causes), ("term", term, self.terms)):
             if name is not None and name not in choices:
                 raise UnknownNameError.from_choices(kind, name, choices)
-        contribution = self.parts[..., self.causes.index(cause), :]
+        torques_by_term = self.parts[..., self.causes.index(cause), :]
         if term is None:
-            return np.asarray(contribution.sum(axis=-2))
-        return np.asarray(contribution[..., self.terms.index(term), :])
+            return np.asarray(torques_by_term.sum(axis=-2))
+        return np.asarray(torques_by_term[..., self.terms.index(term), :])
 
     def with_term(self, name: str, tau: Array) -> Explanation:
         """Explanation with additional torques without a body, as a term and a cause of their own.
@@ -128,7 +130,7 @@ class Explanation(ExplanationDoors):
         """
         torques_by_cause, headings = self._columns(joint)
         largest_torque = float(np.abs(self.torque).max(initial=0.0))
-        negligible_torque = 1e-12 * max(largest_torque, 1.0)
+        negligible_torque = _NEGLIGIBLE_SHARE * max(largest_torque, 1.0)  # [N m or N], also if all torques are small
         rows = [["caused by", *headings]]
         for cause, torques in zip(self.causes, torques_by_cause, strict=True):
             if np.abs(torques).max(initial=0.0) > negligible_torque:
@@ -159,13 +161,15 @@ class Explanation(ExplanationDoors):
         """Torques of the table (causes, columns), and the column headings."""
         require_one_state(self)
         if joint is None:
-            return self.by_cause, [f"{name} [{unit}]" for name, unit in zip(self.joints, self.units, strict=True)]
+            headings = [f"{name} [{unit}]" for name, unit in zip(self.joints, self.units, strict=True)]
+            return self.by_cause, headings
         if joint not in self.joints:
             raise UnknownNameError.from_choices("joint", joint, self.joints)
         k = self.joints.index(joint)
         torques = self.parts[:, :, k].T  # (causes, terms)
         sums = torques.sum(axis=1, keepdims=True)
-        return np.concatenate([torques, sums], axis=1), [*self.terms, f"together [{self.units[k]}]"]
+        headings = [*self.terms, f"together [{self.units[k]}]"]
+        return np.concatenate([torques, sums], axis=1), headings
 
     def __repr__(self) -> str:
         batch_text = ""
@@ -189,7 +193,7 @@ def require_one_state(why: Explanation) -> None:
 
 
 def _cells(torques: Array, negligible_torque: float) -> list[str]:
-    """Texts of the torques of a row."""
+    """Texts of torques; a negligible one is :data:`NEGLIGIBLE_PART`."""
     return [NEGLIGIBLE_PART if abs(tau) <= negligible_torque else number(tau) for tau in torques.tolist()]
 
 
@@ -207,7 +211,7 @@ def explain_torques(
     q, dq, ddq = (np.broadcast_to(x, (*batch_shape, x.shape[-1])) for x in state)
     parameters_by_cause = _parameters_by_cause(model)
     causes = tuple(parameters_by_cause)
-    parameters = np.array(list(parameters_by_cause.values())).reshape(len(causes), 10 * len(model.bodies))
+    parameters = np.array(list(parameters_by_cause.values())).reshape(len(causes), _PARAMETERS * len(model.bodies))
 
     def torques_by_cause(q: Array, dq: Array, ddq: Array) -> Array:
         return np.swapaxes(regressor(q, dq, ddq) @ parameters.T, -1, -2)  # (..., causes, nv)
@@ -221,55 +225,57 @@ def explain_torques(
 
 
 def _motion_parts(torques: Callable[..., Array], q: Array, dq: Array, ddq: Array) -> Array:
-    """Motion terms (..., 4, causes, nv), ordered as :data:`MOTION_TERMS`, from the torques by cause at a state.
+    """Motion terms (..., 4, causes, nv), ordered as :data:`MOTION_TERMS`; ``torques`` returns the torques by cause at a state.
 
-    Torques due to velocities are a quadratic form in dq. With a single moving joint, only its square is left.
+    Torques due to velocities are a quadratic form in dq. If a single joint moves, only the square of its velocity is left.
     """
     zero = np.zeros_like(dq)
     gravity = torques(q, zero, zero)
     inertia = torques(q, zero, ddq) - gravity
     velocity_torques = torques(q, dq, zero) - gravity
     centripetal = np.zeros_like(gravity)
-    for joint_mask in np.eye(dq.shape[-1]):
-        centripetal += torques(q, dq * joint_mask, zero) - gravity
-    return np.stack([inertia, centripetal, velocity_torques - centripetal, gravity], axis=-3)
+    for unit_vector in np.eye(dq.shape[-1]):
+        centripetal += torques(q, dq * unit_vector, zero) - gravity
+    coriolis = velocity_torques - centripetal
+    return np.stack([inertia, centripetal, coriolis, gravity], axis=-3)
 
 
 def _parameters_by_cause(model: Model) -> dict[str, Array]:
-    """Inertial parameters of all bodies (10 nbodies,) as far as each cause contributes to them, by cause.
+    """Parts (10 nbodies,) of the inertial parameters of all bodies, by the link, rotor or payload that causes them.
 
-    Causes are links, rotors and payloads. Their parameters stand in the ten entries of the body that carries them.
+    The parameters of a cause stand in the ten entries of the body that carries it.
     """
     parameters_by_cause: dict[str, Array] = {}
 
     def add_contribution(cause: str, body_index: int, parameters: Array) -> None:
         if body_index != BASE and parameters.any():
-            total = parameters_by_cause.setdefault(cause, np.zeros(10 * len(model.bodies)))
-            total[10 * body_index : 10 * body_index + 10] += parameters
+            total = parameters_by_cause.setdefault(cause, np.zeros(_PARAMETERS * len(model.bodies)))
+            total[_PARAMETERS * body_index : _PARAMETERS * (body_index + 1)] += parameters
 
-    payloads: dict[str, Array] = {}  # parameters (10,) by frame
+    payload_parameters: dict[str, Array] = {}  # (10,) by frame
     for name, payload in model.payloads:
-        payloads[name] = payloads.get(name, np.zeros(10)) + payload.parameters
+        payload_parameters[name] = payload_parameters.get(name, np.zeros(_PARAMETERS)) + payload.parameters
     for name, frame in model.all_frames.items():
-        inertia = model.link_inertias.get(name)  # sites have none
-        own = np.zeros(10)  # parameters without payload
+        inertia = model.link_inertias.get(name)  # with the payload; None for sites
+        link_parameters = np.zeros(_PARAMETERS)  # without the payload
         if inertia is not None:
-            own = inertia.parameters - payloads.get(name, np.zeros(10))
-        if name in payloads:  # without the rounding errors of the difference
-            own = np.where(np.abs(own) <= 1e-15 * np.abs(payloads[name]), 0.0, own)
-        add_contribution(name, frame.body, _transform(own, frame.pose))
-        if name in payloads:
-            add_contribution(f"payload at {name}", frame.body, _transform(payloads[name], frame.pose))
+            link_parameters = inertia.parameters - payload_parameters.get(name, np.zeros(_PARAMETERS))
+        if name in payload_parameters:
+            is_rounding = np.abs(link_parameters) <= 1e-15 * np.abs(payload_parameters[name])  # of the difference
+            link_parameters = np.where(is_rounding, 0.0, link_parameters)
+        add_contribution(name, frame.body, _transform(link_parameters, frame.pose))
+        if name in payload_parameters:
+            add_contribution(f"payload at {name}", frame.body, _transform(payload_parameters[name], frame.pose))
     for i, body in enumerate(model.bodies):
         if not body.joint.moves_body:  # a rotor
             add_contribution(body.link, i, body.inertia.parameters)
             if is_in_link_mass(model, body):  # then the loop above has counted it in the link
                 add_contribution(body.link, body.parent, -_transform(body.inertia.parameters, body.placement))
-    total = sum(parameters_by_cause.values(), start=np.zeros(10 * len(model.bodies)))
+    total = sum(parameters_by_cause.values(), start=np.zeros(_PARAMETERS * len(model.bodies)))
     for i, body in enumerate(model.bodies):  # repaired inertias and fused rotors differ from the sum of the causes
-        difference = body.inertia.parameters - total[10 * i : 10 * i + 10]
+        difference = body.inertia.parameters - total[_PARAMETERS * i : _PARAMETERS * (i + 1)]
         largest_parameter = float(np.abs(body.inertia.parameters).max())
-        if np.abs(difference).max() > 1e-12 * max(1e-300, largest_parameter):
+        if np.abs(difference).max() > _NEGLIGIBLE_SHARE * max(1e-300, largest_parameter):
             add_contribution(f"{body.link} (other)", i, difference)
     return parameters_by_cause
 

@@ -47,17 +47,18 @@ class LoadOptions(BuildOptions, total=False):
 
 
 _ROBOT_NAME = re.compile(r"\w[\w -]{0,79}")
+"""Text that may be a robot's name: words without a dot or a slash, of at most 80 characters."""
 
 
 def is_name(source: object) -> bool:
-    """True for a text that may be a robot's name: without an ending, a folder or markup."""
+    """True for a text that may be a robot's name: without a suffix, a folder or markup."""
     return isinstance(source, str) and _ROBOT_NAME.fullmatch(source) is not None
 
 
 def load(
     source: str | Path,
     *,
-    format: str | None = None,  # noqa: A002  what it is called everywhere
+    format: str | None = None,  # noqa: A002  its usual name
     floating_base: bool | None = None,
     keep: str | None = None,
     model: str | None = None,
@@ -135,9 +136,10 @@ def load(
 
         return load_by_name(str(source), options)
     cache_entry = known_file(source, options)
-    if cache_entry is None:  # not a file of the cache
+    if cache_entry is None:  # not a file that the cache keeps
         return Robot(_read(source, None, options))
-    if cache_entry.remarks is not None:  # loaded before: the model is only read when it is needed
+    was_loaded_before = cache_entry.remarks is not None
+    if was_loaded_before:  # then the model is only read when it is needed
         if cache_entry.remarks:
             from ..mechanics.model.description import issue
 
@@ -152,7 +154,7 @@ def load(
 
 
 def _read(source: str | Path, data: bytes | None, options: LoadOptions, *, quiet: bool = False) -> Model:
-    """Model of a file, or of its bytes ``data`` if they were read; ``quiet``: without warnings."""
+    """Model of a file, or of its bytes ``data`` if they are already read; with ``quiet``, without warnings."""
     from ..formats import load_model
 
     return load_model(source, data=data, quiet=quiet, **options)

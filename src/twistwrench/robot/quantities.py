@@ -24,6 +24,7 @@ from .arguments import CONFIGURATIONS
 
 Shape = tuple[int, ...]
 Algorithm = Callable[..., Any]
+"""Function of the model, the inputs and the options."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +33,15 @@ class Quantity:
 
     algorithm: Algorithm
     inputs: tuple[str, ...]
+    """Names of the inputs."""
     outputs: tuple[str, ...]
+    """Names of the outputs."""
     sizes: tuple[tuple[str, ...], ...]
-    """Axes of each output: numbers, or names of counts such as nv."""
+    """Sizes of the axes of each output: numbers, or names of counts such as nv."""
     meaning: str
     """Description in one line, ASCII, with the names of inputs and outputs."""
     options: tuple[str, ...] = ()
+    """Names of the options."""
     felt: bool = False
     """True if the output depends only on joint torques, so that base-parameter regrouping applies."""
     needs_inverse: bool = False
@@ -45,8 +49,9 @@ class Quantity:
     needs_mass: bool = False
     """True if the quantity is divided by the mass of all moving bodies."""
     constrained: Literal["as is", "projected", "refused"] = "as is"
-    """Quantity of a robot with constraints: that of its open tree, with constraint forces, or none."""
+    """Quantity of a robot with constraints: of its open tree ("as is"), with constraint forces ("projected"), or none."""
     unit: str = ""
+    """Units of the outputs."""
     book: str = ""
     """Section or equation of Modern Robotics."""
 
@@ -66,7 +71,10 @@ class Quantity:
 def row(
     algorithm: Algorithm, inputs: str, outputs: str, sizes: str, meaning: str, *, options: str = "", **more: Any
 ) -> Quantity:
-    """Row of the table: names separated by blanks, sizes of several outputs by commas."""
+    """Row of the table from texts: names and axes are separated by blanks, sizes of several outputs by commas.
+
+    ``more`` are further fields of :class:`Quantity`.
+    """
     return Quantity(
         algorithm,
         inputs=tuple(inputs.split()),
@@ -78,8 +86,8 @@ def row(
     )
 
 
-# A quantity is one algorithm and one row of this table. CPU and GPU kernels, comments of exported C code, and the
-# tables of the docs are derived from these rows.
+# A quantity is one algorithm and one row of this table: algorithm, inputs, outputs, sizes of the outputs, meaning. CPU and GPU
+# kernels, comments of exported C code, and the tables of the docs are derived from these rows.
 
 _TORQUE = "N m (sliding joints: N)"
 

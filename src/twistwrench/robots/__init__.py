@@ -35,6 +35,7 @@ __all__ = [
 ]
 
 _FOLDER = Path(__file__).parent
+"""Folder of the bundled robots."""
 
 
 def names() -> tuple[str, ...]:
@@ -260,8 +261,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(name)
     if name.lower() in names():
         return globals()[name.lower()]
-    similar = get_close_matches(name, names(), n=1, cutoff=0.6)
-    hint = f" Did you mean {similar[0]}?" if similar else ""
+    similar_names = get_close_matches(name, names(), n=1, cutoff=0.6)
+    hint = f" Did you mean {similar_names[0]}?" if similar_names else ""
     raise AttributeError(
         f"no bundled robot {name!r}.{hint} There are {', '.join(names())}; tw.find({name!r}) looks in other packages, and "
         "tw.load takes a file."

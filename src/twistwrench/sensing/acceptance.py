@@ -40,6 +40,7 @@ _MAY_POINT_UP = (
     "Or gx, gy, gz point up, as an accelerometer at rest logs them, which explains the log as well: "
     "then negate these three and keep the sign."
 )
+"""Sentence after a remedy that exchanges the sign of readings with gravity columns."""
 MAX_NOISE_RATIO = 1.5
 """Ratio of residuals to given noise above which the noise is doubtful."""
 MIN_ORIENTATIONS = 10
@@ -47,7 +48,7 @@ MIN_ORIENTATIONS = 10
 MIN_CHANNEL_FREEDOM = 6
 """Smallest number of degrees of freedom of a channel for reliable intervals."""
 MIN_MISFIT = 0.05
-"""Fraction of the change of forces above which residuals may be more than noise."""
+"""Residual, as a fraction of the change of forces, above which it may be more than noise."""
 _MAX_LISTED_SPANS = 10
 """Largest number of runs of outliers that are listed."""
 
@@ -69,10 +70,15 @@ class UsedReadings:
 def acceptance_test(
     found: Diagnosis, confidence: float, problem: Problem, log: ReadingLog, use: UsedReadings
 ) -> Identification:
-    """Build the result with its doubts; raise if the mass is negative. ``problem`` is that of the fit."""
-    fit, unknowns = found.fit, found.fit.unknowns
+    """Result of an identification with its doubts; raises ValueRangeError if the mass is negative or zero.
+
+    ``problem`` is the problem that ``found`` solves, and ``log`` has all readings.
+    """
+    fit = found.fit
+    unknowns = fit.unknowns
     low, high = fit.interval("mass", confidence)
-    if found.mass < -2 * fit.mass_deviation or found.mass == 0:
+    is_negative = found.mass < -2 * fit.mass_deviation  # by more than two standard deviations
+    if is_negative or found.mass == 0:
         raise ValueRangeError(f"{log.name}: {_no_mass(found, log, problem)}")
     has_mass = low > 0
     load = SpatialInertia.zero()
@@ -87,8 +93,8 @@ def acceptance_test(
     sensor = ForceTorqueSensor(load, bias, found.sign, fit.mounting, inertia=inertia)
     doubts = _log_doubts(log, use)
     if not has_mass:
-        mass = f"{plus_minus(found.mass, (high - low) / 2, 'kg')} ({percent(confidence, 3)})"
-        doubts.append(doubt("sensor-mass", mass=mass))
+        mass_text = f"{plus_minus(found.mass, (high - low) / 2, 'kg')} ({percent(confidence, 3)})"
+        doubts.append(doubt("sensor-mass", mass=mass_text))
     elif load.defects():
         doubts.append(doubt("sensor-inertia-invalid", defects="; ".join(load.defects())))
     causes = _noise_doubts(found) + _explanation_doubts(found, log, problem)
@@ -100,8 +106,8 @@ def acceptance_test(
         if has_mass and "sensor-gain" not in kinds:
             doubt_of_units = unit_doubt(found, sensor, problem.log)
         causes += _size_doubts(log, doubt_of_units)
-    kept = ~use.left_out & ~use.between
-    result = Identification(sensor, fit, found.kept, kept, confidence, log, left_out=use.left_out)
+    is_used = ~use.left_out & ~use.between  # for each reading
+    result = Identification(sensor, fit, found.kept, is_used, confidence, log, left_out=use.left_out)
     weaknesses = []
     if has_mass and not any(cause.refuses for cause in causes):
         weaknesses = weakness(result)
@@ -109,7 +115,7 @@ def acceptance_test(
 
 
 def _size_doubts(log: ReadingLog, doubt_of_units: Doubt | None) -> list[Doubt]:
-    """Doubts about the units of the motion; without any, that about the units of the readings, or about their sizes."""
+    """Doubts about the units of the motion; if there are none, about the units of the readings, or else about their sizes."""
     motion_doubts = log.motion_doubts()
     if motion_doubts:
         return motion_doubts
@@ -123,13 +129,13 @@ def _log_doubts(log: ReadingLog, use: UsedReadings) -> list[Doubt]:
     doubts = []
     outlier_count = int(use.left_out.sum())
     if outlier_count:
-        spans = [_span(log, first, last) for first, last in runs(use.left_out)]
-        listed = ", ".join(spans[:_MAX_LISTED_SPANS])
+        spans = [_span_text(log, first, last) for first, last in runs(use.left_out)]
+        spans_text = ", ".join(spans[:_MAX_LISTED_SPANS])
         if len(spans) > _MAX_LISTED_SPANS:
-            listed += ", …"
+            spans_text += ", …"
         if log.time is None:
-            listed += " (from 0)"
-        doubts.append(doubt("sensor-outliers", count=outlier_count, total=len(log), listed=listed))
+            spans_text += " (from 0)"
+        doubts.append(doubt("sensor-outliers", count=outlier_count, total=len(log), listed=spans_text))
     between_count = int(use.between.sum())
     if between_count:
         doubts.append(doubt("sensor-between-dwells", count=between_count))
@@ -139,14 +145,14 @@ def _log_doubts(log: ReadingLog, use: UsedReadings) -> list[Doubt]:
 def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> list[Doubt]:
     """Doubts about intervals that may be too narrow."""
     doubts = []
-    label = use.orientation[found.kept]
-    count = len(np.unique(label))
+    labels = use.orientation[found.kept]  # of the orientation of each row
+    count = len(np.unique(labels))
     # Readings of a revisited orientation share its error, so that they add no degree of freedom.
-    freedom = (1.0 - found.fit.leverage[found.kept]).sum(axis=0) - (len(label) - count)
-    missing_freedom = math.ceil(MIN_CHANNEL_FREEDOM - freedom.min() - 1e-9)
+    freedom = (1.0 - found.fit.leverage[found.kept]).sum(axis=0) - (len(labels) - count)  # of each channel
+    missing_freedom = math.ceil(MIN_CHANNEL_FREEDOM - freedom.min() - 1e-9)  # 1e-9: rounding errors
     missing_orientations = max(MIN_ORIENTATIONS - count, missing_freedom)
     if problem.noise is None and missing_orientations > 0:
-        alike = ", and it is taken to be alike in the three forces and in the three moments" if few(label) else ""
+        alike = ", and it is taken to be alike in the three forces and in the three moments" if few(labels) else ""
         details: dict[str, Any] = {
             "orientations": MIN_ORIENTATIONS,
             "count": count,
@@ -157,22 +163,22 @@ def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> li
             "least": MIN_CHANNEL_FREEDOM,
         }
         doubts.append(doubt("sensor-few-orientations", **details))
-    white = use.whiteness
-    if white is not None and not white.white:
+    whiteness = use.whiteness
+    if whiteness is not None and not whiteness.white:
         details = {
-            "axis": white.axis,
-            "lag1": number(white.lag1, 2),
-            "rare": number(1 / max(white.chance, 1e-12), 2),
-            "test": white.test,
-            "length": white.length,
-            "found": {"value": white.lag1},
+            "axis": whiteness.axis,
+            "lag1": number(whiteness.lag1, 2),
+            "rare": number(1 / max(whiteness.chance, 1e-12), 2),
+            "test": whiteness.test,
+            "length": whiteness.length,
+            "found": {"value": whiteness.lag1},
         }
         doubts.append(doubt("sensor-correlated", **details))
     return doubts
 
 
-def _span(log: ReadingLog, first: int, last: int) -> str:
-    """Times or indices of a run of readings."""
+def _span_text(log: ReadingLog, first: int, last: int) -> str:
+    """Times of a run of readings; indices for a log without times."""
     if log.time is not None:
         return f"{seconds(log.time[first])} to {seconds(log.time[last])} s"
     return f"{first}" if first == last else f"{first}–{last}"
@@ -181,8 +187,8 @@ def _span(log: ReadingLog, first: int, last: int) -> str:
 def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
     """Message for a mass that is negative or zero: evidence and most likely cause."""
     evidence = f"mass comes out as {number(found.mass)} kg"
-    better = others(found.sign, problem)
-    for reference in (found, *better[:1]):  # the best of the others, if there is one
+    better = others(found.sign, problem)  # the best first
+    for reference in (found, *better[:1]):
         mistake = _input_mistake(found, problem, reference)
         if mistake:
             return f"{evidence}. {mistake}"
@@ -204,7 +210,7 @@ def _doubt_on_poses(found: Diagnosis, force_noise: float) -> Doubt:
 
 
 def _remedy(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
-    """Arguments that fit the log better, with their residual."""
+    """Sentences with the arguments that fit the log better, and their residual."""
     best, *equally_good = indistinguishable_from_the_best(better)
     options = " or ".join(explanation.options for explanation in (best, *equally_good))
     remedy = f"Use {options}: the residual is then {_noise(best)}."
@@ -216,7 +222,10 @@ def _remedy(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
 
 
 def _input_mistake(found: Diagnosis, problem: Problem, reference: Diagnosis) -> Doubt | None:
-    """Doubt about swapped columns, a wrong bias or gravity that points up; None if none fits significantly better."""
+    """Doubt about swapped columns, a wrong bias or gravity that points up; None if none of them fits significantly better.
+
+    ``reference`` is the fit with which swapped columns and reversed gravity are compared.
+    """
     with_free_bias = free_bias(found, problem)
     with_swapped_columns = swap_forces_and_moments(problem, with_free_bias or reference)
     if with_swapped_columns is not None:
@@ -236,8 +245,9 @@ def _noise_doubts(found: Diagnosis) -> list[Doubt]:
     is_given = np.isinf(found.fit.freedom).all()
     if not is_given:
         return []
-    scaled = (found.fit.residuals / found.fit.deviation)[found.kept].reshape(-1, 2, 3)
-    ratios = np.sqrt((scaled**2).mean(axis=(0, 2))).tolist()
+    scaled_residuals = (found.fit.residuals / found.fit.deviation)[found.kept]
+    moments_and_forces = scaled_residuals.reshape(-1, 2, 3)
+    ratios = np.sqrt((moments_and_forces**2).mean(axis=(0, 2))).tolist()
     doubts = []
     for quantity, ratio in zip(("moments", "forces"), ratios, strict=True):
         if ratio > MAX_NOISE_RATIO:
@@ -247,37 +257,40 @@ def _noise_doubts(found: Diagnosis) -> list[Doubt]:
 
 def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> list[Doubt]:
     """Doubt about an input error that explains the log, if there is one; otherwise doubts about possible explanations."""
-    rows = problem.log
+    fit_log = problem.log
     doubts = []
     better: list[Diagnosis] = []
-    share = misfit(rows, found.fit, found.kept)
-    is_misfit = share > MIN_MISFIT
-    if is_misfit and turns_may_help(rows, found.fit, found.kept):
+    residual_share = misfit(fit_log, found.fit, found.kept)
+    is_misfit = residual_share > MIN_MISFIT
+    if is_misfit and turns_may_help(fit_log, found.fit, found.kept):
         better = [explanation for explanation in others(found.sign, problem) if explanation.improves(found.fit)]
     if is_misfit or free_bias(found, problem) is not None:
         reference = better[0] if better else found
         mistake = _input_mistake(found, problem, reference)
         if mistake:
             return [mistake]
-        residual = f"the residual is {_noise(found)}, {percent(share, 2)} of the change of forces"
-        force_noise = None
+        residual = f"the residual is {_noise(found)}, {percent(residual_share, 2)} of the change of forces"
+        force_noise = None  # noise of the forces without the poses; None if these are not in doubt
         if better:
             doubts.append(doubt("sensor-sign", left=residual, ways=_remedy(better, found, log)))
         elif seems_moving(log):
             doubts.append(doubt("sensor-moving", evidence=f"Poses do not explain the readings: {residual}"))
         else:
-            force_noise = unexplained_turns(rows, found)
+            force_noise = unexplained_turns(fit_log, found)
         if force_noise is not None and not _drifts(found, problem):
             doubts.append(_doubt_on_poses(found, force_noise))
     if log.V is not None and not found.fit.unknowns.inertia:
         with_inertia = explain(found.sign, problem.with_unknowns(inertia=True))
         if with_inertia is not None and with_inertia.improves(found.fit):
             doubts.append(doubt("sensor-inertia", before=_noise(found), after=_noise(with_inertia)))
-    if found.turn and not doubts and is_planar(rows, found.fit, found.kept, found.mass):
+    if found.turn and not doubts and is_planar(fit_log, found.fit, found.kept, found.mass):
         other_sign: Sign = "by_sensor" if found.sign == "on_sensor" else "on_sensor"
-        other = explain(other_sign, problem)
-        if other is not None and other.mass > 0 and other.equals(found.fit, found.kept):
-            doubts.append(doubt("sensor-sign-or-mounting", options=other.options, noise=_noise(other)))
+        with_other_sign = explain(other_sign, problem)
+        if with_other_sign is None or not with_other_sign.mass > 0:
+            return doubts
+        if with_other_sign.equals(found.fit, found.kept):
+            noise = _noise(with_other_sign)
+            doubts.append(doubt("sensor-sign-or-mounting", options=with_other_sign.options, noise=noise))
     return doubts
 
 
@@ -292,6 +305,6 @@ def _drifts(found: Diagnosis, problem: Problem) -> bool:
 
 
 def _noise(found: Diagnosis) -> str:
-    """Residual noise of forces and moments, as text."""
+    """Text of the residual noise of forces and moments."""
     moment, force = found.noise
     return f"noise of {number(force, 2)} N and {number(moment, 2)} N m"

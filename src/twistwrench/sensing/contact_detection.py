@@ -18,22 +18,23 @@ from ..mechanics.lie.labelled import WRENCH
 
 
 def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
-    """Check the standard deviations (2,) of moments [N m] and forces [N]; zeros are valid only if ``none_at_all``."""
+    """Standard deviations (2,) of moments [N m] and forces [N], after a check; zeros are valid only if ``none_at_all``."""
     try:
         sigma = np.asarray(arguments.real(noise, "noise"), float)
-    except TwistWrenchError:  # reported below
+    except TwistWrenchError:  # reported below, by its shape
         sigma = np.empty(0)
+    is_allowed = sigma > 0
+    expected = "positive numbers"
     if none_at_all:
-        is_allowed, expected = sigma >= 0, "numbers from 0 on"
-    else:
-        is_allowed, expected = sigma > 0, "positive numbers"
+        is_allowed = sigma >= 0
+        expected = "numbers from 0 on"
     if sigma.shape != (2,) or not np.isfinite(sigma).all() or not is_allowed.all():
         raise ValueRangeError(f"noise {noise!r} is not two {expected}: of moments [N m] and of forces [N].")
     return sigma
 
 
 def six_noises(noise: ArrayLike) -> Array:
-    """Expand a noise, of two or six values, to standard deviations (6,) of mx, my, mz [N m], fx, fy, fz [N]."""
+    """Standard deviations (6,) of mx, my, mz [N m], fx, fy, fz [N], from two or six of them."""
     if np.shape(noise) == (6,):
         sigma = arguments.real(noise, "noise", 6)
     else:
@@ -46,7 +47,13 @@ def six_noises(noise: ArrayLike) -> Array:
 # ── Point of contact, residual moment, and thresholds
 
 _MIN_EIGENVALUE = 1e-12
-"""Smallest eigenvalue of a covariance after scaling to unit variances: that of rounding errors."""
+"""Smallest eigenvalue of a covariance after scaling to unit variances; smaller ones are rounding errors."""
+_MIN_SINE = 1e-12
+"""Sine of the angle between a line and a plane below which they are parallel."""
+_MAX_FREEDOM = 1e9
+"""Degrees of freedom that stand for infinitely many."""
+_MIN_RESIDUALS = 8
+"""Smallest number of residuals that determine a covariance of six axes and its test."""
 
 
 def residual_moment(F: ArrayLike) -> Array:
@@ -88,9 +95,9 @@ def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array
     start, direction = _line_of_action(F)
     n = arguments.real(normal, "normal", 3)
     offset = arguments.real(point, "point", 3) - start
-    slope = (direction * n).sum(-1)
-    slope = np.where(np.abs(slope) < 1e-12 * np.linalg.norm(n, axis=-1), np.nan, slope)  # parallel to the plane
-    distance = (offset * n).sum(-1) / slope
+    normal_part = (direction * n).sum(-1)
+    is_parallel = np.abs(normal_part) < _MIN_SINE * np.linalg.norm(n, axis=-1)
+    distance = (offset * n).sum(-1) / np.where(is_parallel, np.nan, normal_part)  # along the line
     return np.asarray(start + distance[..., None] * direction)
 
 
@@ -112,10 +119,10 @@ def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
     """
     start, direction = _line_of_action(F)
     radius = arguments.positive(radius, "radius", "m")
-    # Distances s from the start with |offset + s direction|² = radius²; the force enters at the smaller one.
+    # Distances s from the start solve |offset + s direction|² = radius²; the force enters at the smaller one.
     offset = start - arguments.real(centre, "centre", 3)
-    middle = (offset * direction).sum(-1)
-    square = middle**2 - (offset * offset).sum(-1) + radius**2
+    middle = (offset * direction).sum(-1)  # -s of the point nearest to the centre
+    square = middle**2 - (offset * offset).sum(-1) + radius**2  # of half the chord
     first = -middle - np.sqrt(np.where(square < 0, np.nan, square))
     return np.asarray(start + first[..., None] * direction)
 
@@ -138,7 +145,7 @@ def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
 
 
 def _line_of_action(F: ArrayLike) -> tuple[Array, Array]:
-    """Lines of action: their points nearest to the origin and their directions, (..., 3); NaN without a force."""
+    """Lines of action: their points nearest to the origin and their unit directions, (..., 3); NaN without a force."""
     m, f, force = _moment_and_force(F)
     return so3.cross(f, m) / force[..., None] ** 2, f / force[..., None]
 
@@ -147,8 +154,8 @@ def _moment_and_force(F: ArrayLike) -> tuple[Array, Array, Array]:
     """Moments and forces (..., 3) of wrenches, and the magnitudes (...) of the forces; NaN for zero."""
     F = arguments.real(F, "F", 6)
     m, f = F[..., :3], F[..., 3:]
-    force = np.linalg.norm(f, axis=-1)
-    return m, f, np.where(force == 0, np.nan, force)
+    magnitude = np.linalg.norm(f, axis=-1)
+    return m, f, np.where(magnitude == 0, np.nan, magnitude)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,11 +167,11 @@ class CollisionThreshold:
     covariance: Array
     """Covariance (6, 6) of one reading, or (n, 6, 6) of each of n readings in order."""
     limit: float
-    """Squared Mahalanobis distance above which a reading is a contact."""
+    """Squared Mahalanobis distance from the mean above which a reading is a contact."""
     false_alarms: float
     """False-alarm rate: the fraction of contact-free readings above the limit."""
     axes: slice = field(default_factory=lambda: slice(0, 6))
-    """Tested axes: ``slice(3, 6)`` for forces only."""
+    """Tested axes of a wrench: ``slice(3, 6)`` for forces only."""
     freedom: Array | None = None
     """(6,) degrees of freedom of estimated variances; None if the variances are known."""
 
@@ -216,8 +223,8 @@ class CollisionThreshold:
             raise ValueRangeError(
                 f"axes is {arguments.value_text(axes)}: give a slice of the six, such as slice(3, 6) for forces."
             )
-        tested_axes = len(range(6)[axes])
-        limit = float(special.chdtri(tested_axes, false_alarms))
+        axis_count = len(range(6)[axes])
+        limit = float(special.chdtri(axis_count, false_alarms))
         S = arguments.real(covariance, "covariance", 6, 6)
         if freedom is not None:
             freedom = arguments.real(freedom, "freedom", 6)
@@ -267,20 +274,21 @@ class CollisionThreshold:
         if r.ndim != 2 or r.shape[1] != 6:
             raise ShapeError(f"residuals have shape {r.shape}, expected (n, 6).")
         n = len(r)
-        if n < 8 or not np.isfinite(r).all():
+        if n < _MIN_RESIDUALS or not np.isfinite(r).all():
             raise ValueRangeError(
                 f"{n} residuals are too few to estimate the noise. Give at least 8 finite readings at rest."
             )
         S = np.cov(r.T)
         sigma = np.sqrt(np.diag(S))
-        if not (sigma > 0).all() or np.linalg.matrix_rank(S / np.outer(sigma, sigma), tol=1e-9) < 6:
-            constant = [axis for axis, deviation in zip(WRENCH, sigma, strict=True) if deviation == 0]
+        if not (sigma > 0).all() or np.linalg.matrix_rank(S / np.outer(sigma, sigma), tol=1e-9) < 6:  # of correlations
+            constant_axes = [axis for axis, deviation in zip(WRENCH, sigma, strict=True) if deviation == 0]
             reason = "some axes always change together"
-            if constant:
-                reason = f"{', '.join(constant)} never changes"
+            if constant_axes:
+                reason = f"{', '.join(constant_axes)} never changes"
             raise ValueRangeError(
                 f"these residuals are not noise of a six-axis sensor: {reason}. Check the sensor's wiring, or use of_noise."
             )
+        # T² of a new reading: factor times F with 6 and n - 6 degrees of freedom
         factor = 6 * (n + 1) * (n - 1) / (n * (n - 6))
         limit = factor * float(special.fdtri(6, n - 6, 1 - false_alarms))
         return cls(r.mean(axis=0), S, limit, false_alarms)
@@ -290,7 +298,7 @@ class CollisionThreshold:
         return ~np.asarray(self.distance(compensated) <= self.limit)
 
     def distance(self, compensated: ArrayLike) -> Array:
-        """Squared Mahalanobis distance of compensated readings from the mean without contact.
+        """Squared Mahalanobis distance of compensated readings from the mean of readings without contact.
 
         Parameters
         ----------
@@ -307,11 +315,13 @@ class CollisionThreshold:
         """
         from scipy import special
 
-        r = (arguments.real(compensated, "compensated readings", 6) - self.middle)[..., self.axes]
-        L = np.linalg.cholesky(_positive_definite(self.covariance[..., self.axes, self.axes]))
+        deviation = arguments.real(compensated, "compensated readings", 6) - self.middle
+        r = deviation[..., self.axes]
+        S = self.covariance[..., self.axes, self.axes]
+        L = np.linalg.cholesky(_positive_definite(S))
         u = np.linalg.solve(L, r[..., None])[..., 0]
         if self.freedom is not None:  # normal scores with the same tail probability as the Student variables
-            tail_probability = special.stdtr(np.minimum(self.freedom[self.axes], 1e9), -np.abs(u))
+            tail_probability = special.stdtr(np.minimum(self.freedom[self.axes], _MAX_FREEDOM), -np.abs(u))
             u = -special.ndtri(tail_probability)
         return np.asarray((u * u).sum(-1))
 
@@ -326,18 +336,19 @@ class CollisionThreshold:
         S = self.covariance[..., self.axes, self.axes]
         if S.ndim == 3:
             S = S[len(S) // 2]
-        sigmas: Any = math.sqrt(self.limit)  # limit in standard deviations
+        limits: Any = math.sqrt(self.limit)  # in standard deviations of u
         if self.freedom is not None:
             nu = self.freedom[self.axes]
-            student_limit = -special.stdtrit(np.minimum(nu, 1e9), special.ndtr(-sigmas))
-            sigmas = np.where(np.isinf(nu), sigmas, student_limit)
+            student_limits = -special.stdtrit(np.minimum(nu, _MAX_FREEDOM), special.ndtr(-limits))
+            limits = np.where(np.isinf(nu), limits, student_limits)
+        inverse = np.linalg.inv(_positive_definite(S))
         smallest = np.full(6, math.inf)
-        smallest[self.axes] = sigmas / np.sqrt(np.diag(np.linalg.inv(_positive_definite(S))))
+        smallest[self.axes] = limits / np.sqrt(np.diag(inverse))
         return smallest
 
 
 def _positive_definite(S: Array) -> Array:
-    """Covariance S (..., k, k) with a Cholesky factor: S itself, or S plus the rounding errors of its variances.
+    """Covariance (..., k, k) with a Cholesky factor: S itself, or S with variances that are larger by rounding errors.
 
     S is semidefinite if a combination of axes is estimated exactly, or almost exactly compared with the others.
     """
@@ -345,7 +356,8 @@ def _positive_definite(S: Array) -> Array:
         np.linalg.cholesky(S)
     except np.linalg.LinAlgError:
         variances = np.abs(np.diagonal(S, axis1=-2, axis2=-1))  # rounding errors may make small ones negative
-        sigma = np.sqrt(np.maximum(variances, 1e-30 * variances.max() + np.finfo(float).tiny))
+        min_variance = 1e-30 * variances.max() + np.finfo(float).tiny  # above zero, as a divisor
+        sigma = np.sqrt(np.maximum(variances, min_variance))
         scale = sigma[..., None] * sigma[..., None, :]
         least_eigenvalue = np.linalg.eigvalsh(S / scale)[..., :1]
         missing = np.maximum(_MIN_EIGENVALUE - least_eigenvalue, 0.0)

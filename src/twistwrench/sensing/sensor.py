@@ -21,12 +21,13 @@ from ..mechanics.lie.labelled import frame_name
 from ..mechanics.lie.twist_wrench import Pose, Twist, Wrench
 
 _LABELLED_TYPES: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
+"""Labelled type of each argument; all other arguments are wrenches."""
 
 
 def plain_arrays(given: dict[str, Any], frame: str | None = None, *, turned: bool = False) -> dict[str, Any]:
-    """Check the frames of labelled arguments and return plain arrays; unlabelled arguments are unchanged.
+    """Plain arrays of the arguments ``given``, after a check of the frames of labelled ones; others are unchanged.
 
-    ``pose``, ``V`` and ``dV`` belong to {f}, named ``frame`` if known. Other arguments are wrenches in the sensor's
+    ``pose``, ``V`` and ``dV`` belong to {f}, whose name is ``frame`` if known. Other arguments are wrenches in the sensor's
     axes {s}, which coincide with {f} unless the mounting is ``turned``.
     """
     frames: dict[str, str] = {}  # by argument, of those that belong to {f}
@@ -70,7 +71,8 @@ def plain_arrays(given: dict[str, Any], frame: str | None = None, *, turned: boo
     return plain
 
 
-MAX_ROTATION_ERROR = 1e-3  # accepts numbers with four decimals and rejects wrong columns
+MAX_ROTATION_ERROR = 1e-3
+"""Largest deviation of a rotation: accepts numbers with four decimals and rejects wrong columns."""
 
 
 def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
@@ -79,14 +81,14 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     if matrices.shape[-2:] not in ((3, 3), (4, 4)):
         raise ShapeError(f"{where} has shape {matrices.shape}, expected rotations (..., 3, 3) or poses (..., 4, 4).")
     R = np.asarray(arguments.finite(matrices[..., :3, :3], where), float)
-    error = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+    deviation = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
     message = (
         f"{where} is not a rotation: RᵀR is {{gap}} off the identity, allowed {{allowed}}; check the order of its entries "
         "(row by row) and its decimals"
     )
-    arguments.refuse(error, MAX_ROTATION_ERROR, message)
+    arguments.refuse(deviation, MAX_ROTATION_ERROR, message)
     # RᵀR is nearly the identity, so the determinant is nearly 1 or -1.
-    negative_determinant = np.maximum(-np.linalg.det(R), 0.0)[..., None, None]
+    negative_determinant = np.maximum(-np.linalg.det(R), 0.0)[..., None, None]  # as matrices (1, 1), like the deviation
     message = f"{where} mirrors: its determinant is -{{gap}}; the frame must be right-handed"
     arguments.refuse(negative_determinant, 0.5, message)
     return quaternion.rotation(quaternion.from_matrix(R))
@@ -95,12 +97,12 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
 def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Array:
     """Rotations (..., 3, 3) of unit quaternions (..., 4), scalar first."""
     quat = np.asarray(arguments.finite(quat, where, 4), float)
-    error = np.abs(np.linalg.norm(quat, axis=-1) - 1.0)[..., None, None]
+    deviation = np.abs(np.linalg.norm(quat, axis=-1) - 1.0)[..., None, None]
     message = (
         f"{where} is not of unit length: off from 1 by {{gap}}, allowed {{allowed}}; check which columns are qw, qx, qy, "
         "qz (qw is the scalar), or normalise them"
     )
-    arguments.refuse(error, MAX_ROTATION_ERROR, message)
+    arguments.refuse(deviation, MAX_ROTATION_ERROR, message)
     return quaternion.rotation(quat)
 
 
@@ -124,14 +126,14 @@ def gravity_in_frame(pose: ArrayLike, gravity: ArrayLike = GRAVITY) -> Array:
 
 
 def rotations_to_gravity(directions: ArrayLike) -> Array:
-    """Smallest rotations R_wf (..., 3, 3) for which gravity, along -z of {w}, has these directions (..., 3) in {f}."""
+    """Smallest rotations R_wf (..., 3, 3) by which gravity, along -z of {w}, has the given directions (..., 3) in {f}."""
     d = np.asarray(directions, float)
     d = d / np.linalg.norm(d, axis=-1, keepdims=True)
     # Quaternion of the rotation from d to -z, of any length: (1 + cos, d × -z) with cos = -d_z and
     # d × -z = (-d_y, d_x, 0). It is zero if d is opposite to -z; then a half turn about x takes its place.
     quat = np.stack([1.0 - d[..., 2], -d[..., 1], d[..., 0], np.zeros(d.shape[:-1])], axis=-1)
-    opposite = np.linalg.norm(quat, axis=-1, keepdims=True) < 1e-9
-    return quaternion.rotation(np.where(opposite, [0.0, 1.0, 0.0, 0.0], quat))
+    is_opposite = np.linalg.norm(quat, axis=-1, keepdims=True) < 1e-9  # zero but for rounding errors
+    return quaternion.rotation(np.where(is_opposite, [0.0, 1.0, 0.0, 0.0], quat))
 
 
 # The load obeys ``F = G dV - ad(V)' G V`` (Modern Robotics eq. 8.40) under its weight and the sensor's wrench, so its
@@ -166,7 +168,7 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
     alpha = np.broadcast_to(dV[..., :3], (*shape, 3))
     d = dV[..., 3:] + so3.cross(w, v) - g  # acceleration of the origin minus gravity
     W = so3.hat(w)
-    Y = np.zeros((*shape, 6, 10))
+    Y = np.zeros((*shape, 6, 10))  # columns: mass, first moment h, six entries of I
     Y[..., 3:, 0] = -d  # force of the mass
     Y[..., :3, 1:4] = so3.hat(d)  # moment h × -d
     Y[..., 3:, 1:4] = -(so3.hat(alpha) + W @ W)  # force of the first moment
@@ -176,12 +178,12 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
 
 def _inertia_product_matrix(x: Array) -> Array:
     """Matrix L with I x = L (Ixx, Ixy, Iyy, Ixz, Iyz, Izz); (..., 3) → (..., 3, 6)."""
-    a, b, c = x[..., 0], x[..., 1], x[..., 2]
-    o = np.zeros_like(a)
+    x1, x2, x3 = x[..., 0], x[..., 1], x[..., 2]
+    o = np.zeros_like(x1)
     L = [
-        [a, b, o, c, o, o],
-        [o, a, b, o, c, o],
-        [o, o, o, a, b, c],
+        [x1, x2, o, x3, o, o],
+        [o, x1, x2, o, x3, o],
+        [o, o, o, x1, x2, x3],
     ]
     return np.stack([np.stack(row, axis=-1) for row in L], axis=-2)
 
@@ -225,7 +227,8 @@ class ForceTorqueSensor:
         if not isinstance(self.load, SpatialInertia):
             raise InertiaError(f"a sensor's load is a SpatialInertia, got {type(self.load).__name__}.")
         arguments.choice(self.inertia, "inertia", get_args(Inertia))
-        bias = np.array(arguments.finite(arguments.one(self.bias, "bias", 6), "bias"), float)
+        one_reading = arguments.one(self.bias, "bias", 6)  # not a batch
+        bias = np.array(arguments.finite(one_reading, "bias"), float)
         if not np.isfinite(self.load.parameters.astype(float)).all():
             raise ValueRangeError("the sensor's load has a value that is not a finite number.")
         defects = "; ".join(self.load.defects())
@@ -270,7 +273,7 @@ class ForceTorqueSensor:
         g = gravity_in_frame(plain["pose"], gravity)
         _check_broadcast(gravity=g, V=V, dV=dV)
         F_on = load_regressor(g, V, dV) @ self.load.parameters.astype(float)
-        R = np.asarray(self.mounting)  # F_s = R_fs' F_f, origins coincide
+        R = np.asarray(self.mounting)  # F_s = R_fs' F_f, written for rows; origins coincide
         F_s = np.concatenate([F_on[..., :3] @ R, F_on[..., 3:] @ R], axis=-1)
         return np.asarray(self.bias) + sign_factor(self.sign) * F_s
 
@@ -335,7 +338,7 @@ class ForceTorqueSensor:
         -------
         text : str, or None if the compensation is complete
         """
-        turns = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))
+        turns = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))  # has an angular part
         if self.inertia == "unknown" and turns:
             return str(doubt("sensor-file-inertia"))
         return None
@@ -359,7 +362,7 @@ class ForceTorqueSensor:
             warnings.warn(text, ModelWarning, stacklevel=3)
 
     def _plain_arrays(self, **given: Any) -> dict[str, Any]:
-        """Plain arrays of labelled arguments, whose frames are checked against that of the sensor."""
+        """Plain arrays of labelled arguments, after a check of their frames against the sensor's."""
         mounting_turn = float(np.abs(np.asarray(self.mounting) - np.eye(3)).max())
         return plain_arrays(given, self.frame, turned=mounting_turn > MIN_MOUNTING_TURN)
 

@@ -22,6 +22,12 @@ from .sensor import ForceTorqueSensor, checked_sensor, gravity_in_frame, plain_a
 
 _SCREWS = np.roll(np.eye(6), 3, axis=0)
 """Unit screws as rows, three translations and then three rotations: a basis of all twists."""
+_AMPLITUDES = np.array([0.2, 0.15, 0.1, 1.2, 1.0, 1.4])
+"""Amplitudes of a lively motion along the unit screws, three in m, then three in rad."""
+_FREQUENCIES = np.array([2.1, 2.9, 3.7, 1.7, 2.3, 3.1])
+"""Their angular frequencies [rad/s]; all differ, so that motions do not repeat."""
+_PHASES = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 2.5])
+"""Their phases [rad]."""
 
 
 def simulate(
@@ -37,7 +43,7 @@ def simulate(
 
     Parameters
     ----------
-    poses : int, (n, 3, 3) or (n, 4, 4) array_like, number of poses, or R_wf or T_wf
+    poses : int, (n, 3, 3) or (n, 4, 4) array_like, number of poses, or the rotations R_wf or poses T_wf themselves
     noise : (moment [N m], force [N]), standard deviations
     motion : float, optional, duration of a lively motion [s], sampled at ``poses`` (a number) times
     touch : {index: (6,)}, optional, contact wrench on the load for each touched reading, in the sensor's axes
@@ -69,8 +75,8 @@ def simulate(
     else:
         plain_poses = plain_arrays({"pose": poses}, sensor.frame)["pose"]
         gravity = np.atleast_2d(gravity_in_frame(plain_poses, GRAVITY))
-    exact = sensor.predict(np.eye(3), V, dV, gravity=gravity)
-    readings = exact + rng.normal(size=exact.shape) * np.repeat(sigma, 3)
+    exact_readings = sensor.predict(np.eye(3), V, dV, gravity=gravity)  # gravity is in {f} already: R = 1
+    readings = exact_readings + rng.normal(size=exact_readings.shape) * np.repeat(sigma, 3)
     if touch is None:
         touch = {}
     if not isinstance(touch, dict):
@@ -78,7 +84,8 @@ def simulate(
     for index, wrench in touch.items():
         label = f"touch of reading {index}"
         F = arguments.finite(arguments.one(wrench, label, 6), label)
-        readings[_touched_row(index, len(readings))] += sign_factor(sensor.sign) * F
+        row = _touched_row(index, len(readings))
+        readings[row] += sign_factor(sensor.sign) * F
     return ReadingLog.from_arrays(readings, gravity=gravity, V=V, dV=dV, time=time, name="simulated log")
 
 
@@ -108,18 +115,15 @@ def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:
     ((2, 4, 4), (2, 6), (2, 6))
     """
     t = np.asarray(time, float)[..., None]
-    # A chain of one joint for each screw, of which coordinate k oscillates.
-    amplitude = np.array([0.2, 0.15, 0.1, 1.2, 1.0, 1.4])  # m, then rad
-    frequency = np.array([2.1, 2.9, 3.7, 1.7, 2.3, 3.1])  # rad/s; all differ, so that motions do not repeat
-    phase = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 2.5])
-    q = amplitude * np.sin(frequency * t + phase)
-    dq = amplitude * frequency * np.cos(frequency * t + phase)
-    ddq = -(frequency**2) * q
+    # coordinates of a chain with one joint for each screw, all of which oscillate
+    q = _AMPLITUDES * np.sin(_FREQUENCIES * t + _PHASES)
+    dq = _AMPLITUDES * _FREQUENCIES * np.cos(_FREQUENCIES * t + _PHASES)
+    ddq = -(_FREQUENCIES**2) * q
     T = np.broadcast_to(np.eye(4), (*t.shape[:-1], 4, 4))
     V = dV = np.zeros((*t.shape[:-1], 6))
-    for k, S in enumerate(_SCREWS):
+    for k, S in enumerate(_SCREWS):  # from the base outward
         T_joint = se3.exp(S * q[..., k : k + 1])
-        Ad_back = se3.Ad(se3.inverse(T_joint))
+        Ad_back = se3.Ad(se3.inverse(T_joint))  # to the frame after the joint
         V_joint = S * dq[..., k : k + 1]
         T = T @ T_joint
         V = Ad_back @ V + V_joint

@@ -1,4 +1,4 @@
-"""Shapes of a link as points and uniform solids in its frame, and the nearest physically consistent tensor."""
+"""Shapes of a link as points and uniform solids in the link's frame, and the nearest physically consistent tensor."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from .reader import LinkShapes, ShapeSpec
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Shape that was read."""
+    """Shape that was read, as points and a uniform solid."""
 
     shape: ShapeSpec
     points: Array
     """Corners (n, 3) in the link's frame [m]."""
     inertia: SpatialInertia | None
-    """Inertia of the uniform solid at 1 kg/m³; for a mesh, of its convex hull. None without volume."""
+    """Inertia of the uniform solid at 1 kg/m³, for a mesh of its convex hull; None for a shape without volume."""
     surface: surface.Surface | None = None
     """Surface of a mesh, in the units of the mesh."""
 
@@ -58,10 +58,10 @@ class LinkSolids:
 
     @cached_property
     def uniform(self) -> SpatialInertia | None:
-        """Inertia of the visuals, or else the colliders, as solids at 1 kg/m³; None without volume."""
+        """Inertia of the visuals as solids at 1 kg/m³, or of the colliders if no visual has a volume; None without volume."""
         for role in ("visual", "collision"):
-            solids = [solid for solid in self.solids if solid.shape.role == role]
-            inertias = [solid.inertia for solid in solids if solid.inertia is not None]
+            solids_of_role = [solid for solid in self.solids if solid.shape.role == role]
+            inertias = [solid.inertia for solid in solids_of_role if solid.inertia is not None]
             if inertias:
                 return sum(inertias, SpatialInertia.zero())
         return None
@@ -83,12 +83,14 @@ class SolidReader:
     """Solids of shapes; the hull of each mesh is computed once."""
 
     meshes: MeshFiles | None
-    """None: meshes are not read."""
+    """Files of meshes; None if meshes are not read."""
     _hulls: dict[str, tuple[surface.Surface, Array] | None] = field(default_factory=dict)
+    """Result of :meth:`_hull` by the mesh's name."""
 
     def read(self, link: LinkShapes) -> LinkSolids:
         """Solids of a link; shapes that cannot be read have none."""
-        shapes, solids = [], []
+        shapes = []
+        solids = []
         for shape in link.parts:
             if not shape.kind:
                 continue
@@ -100,17 +102,21 @@ class SolidReader:
 
     def _solid(self, shape: ShapeSpec) -> Solid | None:
         """Solid of a shape in the link's frame; None if it cannot be read."""
-        parts = self._mesh(shape) if shape.kind == "mesh" else _primitive_solid(shape.kind, shape.sizes)
-        if parts is None:
+        parts_of_solid: tuple[Array, SpatialInertia | None, surface.Surface | None] | None
+        if shape.kind == "mesh":
+            parts_of_solid = self._mesh(shape)
+        else:
+            parts_of_solid = _primitive_solid(shape.kind, shape.sizes)
+        if parts_of_solid is None:
             return None
-        corners, inertia, mesh_surface = parts
+        corners, inertia, mesh_surface = parts_of_solid  # in the shape's frame
         points = corners @ shape.pose[:3, :3].T + shape.pose[:3, 3]
         if inertia is not None:
             inertia = inertia.in_frame(shape.pose)
         return Solid(shape, points, inertia, mesh_surface)
 
     def _mesh(self, shape: ShapeSpec) -> tuple[Array, SpatialInertia | None, surface.Surface] | None:
-        """Corners (n, 3) of the hull, its uniform solid, and the surface of a mesh; None if it cannot be read."""
+        """Corners (n, 3) of a mesh's hull, its uniform solid, and the mesh's surface; None if the mesh cannot be read."""
         if shape.mesh not in self._hulls:
             self._hulls[shape.mesh] = self._hull(shape.mesh)
         hull = self._hulls[shape.mesh]
@@ -121,23 +127,35 @@ class SolidReader:
         return corners, hull_solid(corners), mesh_surface
 
     def _hull(self, name: str) -> tuple[surface.Surface, Array] | None:
-        """Surface of a mesh and the corners of its hull, in the units of the mesh."""
+        """Surface of a mesh and the corners of its hull, in the units of the mesh; None if the mesh cannot be read."""
         if self.meshes is None:
             return None
         try:
             mesh_surface = surface.joined([part for part, _ in self.meshes.read(name)])
         except (TwistWrenchError, OSError):
             return None
+        corners = mesh_surface.vertices
         hull = convex_hull(mesh_surface.vertices)
-        corners = mesh_surface.vertices if hull is None else hull[0]  # a flat mesh has no hull
+        if hull is not None:  # a flat mesh has no hull
+            corners, _ = hull
         return mesh_surface, corners
 
 
+_MAX_SIZE = 1e6
+"""Largest size of a shape [m] that can be a solid."""
+
+
 def _primitive_solid(kind: str, sizes: tuple[float, ...]) -> tuple[Array, SpatialInertia, None] | None:
-    """Corners and uniform solid at 1 kg/m³; None for unsupported kinds and for shapes without volume."""
-    if not sizes or min(sizes) <= 0 or max(sizes) > 1e6 or kind not in _SOLIDS:
+    """Corners, uniform solid at 1 kg/m³, and None in place of a mesh's surface.
+
+    The result is None for unsupported kinds, and for shapes without volume.
+    """
+    if kind not in _SOLIDS or not sizes:
         return None
-    return surface.SIMPLE[kind](*sizes).vertices, _SOLIDS[kind](*sizes, density=1.0), None
+    if min(sizes) <= 0 or max(sizes) > _MAX_SIZE:
+        return None
+    corners = surface.SIMPLE[kind](*sizes).vertices
+    return corners, _SOLIDS[kind](*sizes, density=1.0), None
 
 
 _SOLIDS: Mapping[str, Callable[..., SpatialInertia]] = {
@@ -151,7 +169,7 @@ _SOLIDS: Mapping[str, Callable[..., SpatialInertia]] = {
 
 
 def hull_solid(corners: Array) -> SpatialInertia | None:
-    """Uniform convex hull of points (n, 3) at 1 kg/m³; None if it is flat."""
+    """Inertia of the convex hull of points (n, 3) at 1 kg/m³; None if the hull is flat."""
     hull = convex_hull(corners)
     if hull is None:
         return None
@@ -165,7 +183,7 @@ def hull_solid(corners: Array) -> SpatialInertia | None:
 
 # ── Nearest physically consistent tensor in a metric
 
-# With the second moments S = ½ tr(I) 1 - I: I is physically consistent if S is positive semidefinite.
+# A rotational inertia I is physically consistent if its second moments S = ½ tr(I) 1 - I are positive semidefinite.
 
 METRICS = {
     "frobenius": "second moments, Frobenius norm",
@@ -173,9 +191,9 @@ METRICS = {
 }
 """Metrics with their full names."""
 _MIN_SHARE_OF_MOMENT = 1e-4
-"""Smallest second moment relative to their sum, so that rounding to ten digits does not make it negative."""
+"""Smallest second moment as a share of the sum of the three, so that rounding to ten digits does not make it negative."""
 _DIVERGENCE_WEIGHT = 0.01
-"""Weight of the divergence relative to the squared distance."""
+"""Weight w of the log-det divergence relative to the squared distance."""
 
 
 def nearest(tensor: Array, metric: str = "frobenius", reference: Array | None = None) -> Array:
@@ -195,14 +213,21 @@ def nearest(tensor: Array, metric: str = "frobenius", reference: Array | None = 
 
 
 def _nearest_by_entropy(S: Array, reference: Array | None) -> Array:
-    """Nearest second moments in the entropic metric: its minimum has the axes of X_0, so each eigenvalue is found alone."""
-    size = max(abs(float(S.trace())), float(np.abs(S).max()), 1e-300)
-    S_reference = np.eye(3) * size / 3.0 if reference is None else second_moments(reference)
+    """Nearest second moments in the entropic metric.
+
+    The minimum has the axes of X_0, so each eigenvalue is determined by itself.
+    """
+    if reference is None:  # a ball
+        trace = max(abs(float(S.trace())), float(np.abs(S).max()), 1e-300)  # above zero, whatever S is
+        S_reference = np.eye(3) * trace / 3.0
+    else:
+        S_reference = second_moments(reference)
     L = np.linalg.cholesky(clip_eigenvalues(S_reference, _MIN_SHARE_OF_MOMENT))
     L_inverse = np.linalg.inv(L)
     x_0, axes = np.linalg.eigh(L_inverse @ S @ L_inverse.T)
     # The positive root of x - x_0 + w (1 - 1/x) = 0, that is x² - b x - w = 0 with b = x_0 - w
     b = x_0 - _DIVERGENCE_WEIGHT
-    x = np.maximum(0.5 * (b + np.sqrt(b * b + 4.0 * _DIVERGENCE_WEIGHT)), _MIN_SHARE_OF_MOMENT)
+    positive_root = 0.5 * (b + np.sqrt(b * b + 4.0 * _DIVERGENCE_WEIGHT))
+    x = np.maximum(positive_root, _MIN_SHARE_OF_MOMENT)
     L_axes = L @ axes
     return np.asarray((L_axes * x) @ L_axes.T)

@@ -61,7 +61,7 @@ class Rollout:
     dq: Array
     """Velocities (..., n, nv)."""
     tau: Array | None
-    """Torques (..., n - 1, nv) in the step from each time but the last; None unless requested."""
+    """Torques (..., n - 1, nv) [N m or N] of the step that begins at each time but the last; None unless requested."""
     dt: float
     """Length of a step [s]."""
     steps: int
@@ -71,9 +71,9 @@ class Rollout:
     remarks: tuple[str, ...] = ()
     """Remarks to read before use; empty if there are none."""
     simulated: Robot | None = None
-    """The robot."""
+    """The simulated robot itself."""
     given: Inputs | None = None
-    """Inputs, for gradients; None unless requested."""
+    """Copy of the arguments of the rollout, for gradients; None unless requested."""
 
     def motion(self, *index: int) -> Motion:
         """States of one motion of the batch as a :class:`twistwrench.Motion`; accelerations by a spline of the velocities.
@@ -91,21 +91,22 @@ class Rollout:
         The motion refers to the original robot, even if the sample had other ``parameters=``. For torques with a
         sample's payload, use ``motion.with_robot(robot.with_payload(…))``.
         """
-        are_integers = all(isinstance(k, int | np.integer) for k in index)
-        is_of_every_axis = len(index) == len(self.batch)
-        if (
-            not are_integers
-            or not is_of_every_axis
-            or not all(-n <= k < n for k, n in zip(index, self.batch, strict=True))
-        ):
+        is_valid = len(index) == len(self.batch)
+        if is_valid:
+            for k, size in zip(index, self.batch, strict=True):
+                is_integer = isinstance(k, int | np.integer)
+                is_valid = is_valid and is_integer and -size <= k < size
+        if not is_valid:
             raise ValueRangeError(
                 f"motion{index}: the batch has shape {self.batch}; give one index for each of its axes."
             )
         from ..motion.motion import Motion
 
         tau = None
-        if self.tau is not None:  # n - 1 torques; the last one is also that of the last state
-            tau = np.concatenate([self.tau[index], self.tau[index][-1:]])
+        if self.tau is not None:  # the last state has the torques of the step before it
+            step_torques = self.tau[index]
+            tau = np.concatenate([step_torques, step_torques[-1:]])
+        # plan: its values are exact, not measured
         return Motion(
             self.times, self.q[index], self.dq[index], tau=tau, robot=self._robot(), in_seconds=True, plan=True
         )
@@ -158,9 +159,11 @@ class Rollout:
         δ are deviations along robot.add, as in :meth:`twistwrench.Robot.linearize`, its continuous-time counterpart.
         """
         inputs = self._require_inputs()
-        if inputs.kept != inputs.steps:
+        stores_every_step = inputs.kept == inputs.steps
+        if not stores_every_step:
             raise ValueRangeError("linearize: every step wants the state at its beginning. Roll out with every=1.")
-        if "tau" not in inputs.plan.law.names:
+        has_given_torques = "tau" in inputs.plan.law.names
+        if not has_given_torques:
             raise ValueRangeError(
                 "linearize: the torques follow a law, and B is by torques that are given. Roll out with those that the law "
                 "applied: torques=True returns them."
@@ -192,11 +195,12 @@ class Rollout:
     @cached_property
     def unstable_from(self) -> Array:
         """First stored time at which each motion is unstable, (...) s; inf for stable motions."""
-        times = np.full(self.batch, np.inf)
+        start_times = np.full(self.batch, np.inf)
         for sample in map(tuple, np.argwhere(self.unstable)):
-            first = np.argmax(_is_unstable(self.q[sample], self.dq[sample]))
-            times[sample] = self.times[first]
-        return times
+            is_unstable = _is_unstable(self.q[sample], self.dq[sample])
+            first_state = np.argmax(is_unstable)  # index of the first True
+            start_times[sample] = self.times[first_state]
+        return start_times
 
     def __len__(self) -> int:
         return len(self.times)
@@ -210,20 +214,24 @@ class Rollout:
         return f"<Rollout of {self.robot!r}, {self.method}: {'; '.join(parts)}>"
 
     def _remark_on_unstable(self) -> str:
-        """Number of unstable motions, the first of them, and what to do."""
-        first = np.unravel_index(np.argmin(self.unstable_from), self.batch)
-        time = self.unstable_from[first]
-        index = f", first {tuple(map(int, first))}" if self.batch else ""
+        """Number of unstable motions, index and time of the earliest, and advice."""
+        flat_index = np.argmin(self.unstable_from)
+        earliest = np.unravel_index(flat_index, self.batch)
+        time = self.unstable_from[earliest]
+        index_text = f", first {tuple(map(int, earliest))}" if self.batch else ""
         advice = "take a smaller dt" if time > 0 else "look at its q0 and dq0"
-        count = int(np.count_nonzero(self.unstable))
-        return f"{count} unstable{index} at {printed(time)} s: {advice}"
+        unstable_count = int(np.count_nonzero(self.unstable))
+        return f"{unstable_count} unstable{index_text} at {printed(time)} s: {advice}"
 
 
 Result = TypeVar("Result", bound=Rollout)
 
 
 def roll_out(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> Rollout:
-    """Result of :meth:`twistwrench.Robot.rollout`; each step of a robot with constraints ends on them."""
+    """Result of :meth:`twistwrench.Robot.rollout`; each step of a robot with constraints ends on them.
+
+    ``start`` is q0 (..., nq), dq0 (..., nv) and tau.
+    """
     if robot.constraints:
         from .closed import rollout_closed
 
@@ -234,15 +242,17 @@ def roll_out(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> Ro
 def rollout_of_tree(
     robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **options: Any
 ) -> Rollout:
-    """Rollout of a robot without constraints; ``start`` is q0 (..., nq), dq0 (..., nv) and tau."""
+    """Rollout of a robot without constraints. ``out`` are arrays for q, dq and, if requested, tau; None for new arrays."""
     inputs = validate_inputs(robot, *start, **options)
     copied_inputs = None
     if arguments.flag(gradients, "gradients"):
         copied_inputs = copy_inputs(inputs, out)
-    q, dq, *tau = take_all_steps(robot, inputs, room_for(inputs, out))
-    if copied_inputs is not None:
-        q.flags.writeable = dq.flags.writeable = False
-    return build_rollout(Rollout, robot, inputs, q, dq, tau, given=copied_inputs)
+    result_arrays = room_for(inputs, out)
+    q, dq, *torques = take_all_steps(robot, inputs, result_arrays)
+    if copied_inputs is not None:  # gradients are those of the states as they were
+        q.flags.writeable = False
+        dq.flags.writeable = False
+    return build_rollout(Rollout, robot, inputs, q, dq, torques, given=copied_inputs)
 
 
 def build_rollout(
@@ -270,7 +280,9 @@ def _is_unstable(q: Array, dq: Array) -> Array:
     """Mask (...) of states that are not finite or faster than the largest plausible speed."""
     with np.errstate(invalid="ignore"):
         is_slow = (np.abs(dq) < MAX_SPEED).all(axis=-1)  # False for NaN, too
-        return np.asarray(~(np.isfinite(q).all(axis=-1) & is_slow))
+    is_finite = np.isfinite(q).all(axis=-1)
+    is_stable = is_finite & is_slow
+    return np.asarray(~is_stable)
 
 
 complete(globals())

@@ -52,8 +52,8 @@ class StepAdjoint:
     plan: StepPlan
 
     @property
-    def by(self) -> Ports:
-        """Differentiable inputs of each step and the shapes of their derivatives: all except dt and limits."""
+    def derivative_ports(self) -> Ports:
+        """Differentiable inputs of each step, all except dt and limits, with the shapes of derivatives by them."""
         shapes = dict(self.plan.inputs)
         del shapes["dt"]
         shapes.pop("torque limits", None)
@@ -74,30 +74,33 @@ class StepAdjoint:
         inputs += [("cost by q", (nv,)), ("cost by dq", (nv,))]
         if self.plan.returns_torques:
             inputs.append(("cost by tau", (nv,)))
-        slopes = [f"slope by {name}" for name, _ in self.by]
+        slopes = [f"slope by {name}" for name, _ in self.derivative_ports]
         program = trace(self._adjoint_step, [*states, *inputs], [*dict(states), *slopes])
         sources = (Source("state", 0), Source("state", 1), *[Source("given")] * len(inputs))
         return Scan(program, sources, visible=2)
 
     def _adjoint_step(
-        self, by_q1: Array, by_dq1: Array, angles: Array, q: Array, dq: Array, *given: Any
+        self, by_q1: Array, by_dq1: Array, angles: Array, q: Array, dq: Array, *inputs_and_costs: Any
     ) -> tuple[Array, ...]:
-        model, count = self.plan.model, len(self.plan.inputs)
-        step, cost = given[:count], given[count:]
-        q1, *others = self.plan.step(angles, q, dq, *step)
-        weights = [*(by_q1 @ velocity_map(model, q1)), *by_dq1, *chain.from_iterable(cost[2:])]
+        """Derivatives λ0 by q (nv,) and by dq (nv,), (1), then derivatives by the inputs of the step, (2)."""
+        model = self.plan.model
+        input_count = len(self.plan.inputs)
+        step_inputs = inputs_and_costs[:input_count]
+        cost_by_q, cost_by_dq, *cost_by_tau = inputs_and_costs[input_count:]  # the last is empty without torques
+        q1, *others = self.plan.step(angles, q, dq, *step_inputs)
+        weights = [*(by_q1 @ velocity_map(model, q1)), *by_dq1, *chain.from_iterable(cost_by_tau)]
         q_chart = Chart((model.nv,), {**Chart.from_input(angles, model).known, **Chart.from_input(q, model).known})
-        inputs = dict(zip(dict(self.plan.inputs), step, strict=True))
+        inputs = dict(zip(dict(self.plan.inputs), step_inputs, strict=True))
         charts = [q_chart, Chart.from_input(dq)]
-        for name, _ in self.by:
+        for name, _ in self.derivative_ports:
             charts.append(Chart.from_input(inputs[name], model if name == "q_des" else None))
         chart = Chart.concatenate(charts)
-        owner = dq[0].trace
-        results = [owner.lift(e) for e in chain(q1, *others)]
+        tracer = dq[0].trace
+        results = [tracer.lift(e) for e in chain(q1, *others)]
         slopes = autodiff.gradient(results, weights, chart.known, math.prod(chart.shape))
-        sizes = [model.nv, model.nv, *(math.prod(shape) for _, shape in self.by)]
-        before_q, before_dq, *by = np.split(slopes, np.cumsum(sizes)[:-1])
-        return before_q + cost[0], before_dq + cost[1], *by
+        sizes = [model.nv, model.nv, *(math.prod(shape) for _, shape in self.derivative_ports)]
+        by_q0, by_dq0, *by_inputs = np.split(slopes, np.cumsum(sizes)[:-1])
+        return by_q0 + cost_by_q, by_dq0 + cost_by_dq, *by_inputs
 
 
 DRY_FRICTION_REMARK = (
@@ -164,12 +167,14 @@ def _copy(x: Array) -> Array:
 
 
 def gradient(robot: Robot, inputs: Inputs, q: Array, dq: Array, slopes: Mapping[str, ArrayLike]) -> RolloutGradient:
-    """Gradient of a cost with derivatives ``slopes`` by q, dq and tau of each row."""
-    plan, shapes, batch = inputs.plan, inputs.argument_shapes, inputs.batch
+    """Gradient of a cost; ``slopes`` are its derivatives by q, dq and tau of each stored state, by name."""
+    plan = inputs.plan
+    shapes = inputs.argument_shapes
+    batch = inputs.batch
     cost = {name: _slopes_of(robot, inputs, name, x) for name, x in slopes.items()}
-    (by_q0, by_dq0), by_inputs = _sweep_backward(robot, inputs, _rows(q), _rows(dq), cost)
+    (by_q0, by_dq0), by_inputs = _sweep_backward(robot, inputs, _flatten_batch(q), _flatten_batch(dq), cost)
     by_step = {}
-    for (name, _), x in zip(StepAdjoint(plan).by, by_inputs, strict=True):
+    for (name, _), x in zip(StepAdjoint(plan).derivative_ports, by_inputs, strict=True):
         by_step[name] = x.reshape(*batch, *x.shape[1:])
     law = {name: _sum_broadcast_axes(by_step[name], shapes[name]) for name in plan.law.names}
     wrenches = {}
@@ -178,7 +183,9 @@ def gradient(robot: Robot, inputs: Inputs, q: Array, dq: Array, slopes: Mapping[
     parameters = {}
     for k, name in enumerate(plan.parameters):
         total = by_step["parameters"][..., k].sum(axis=-1)
-        parameters[name] = _sum_broadcast_axes(total[..., None], (*(shapes[f"parameter {name}"] or ()), 1))[..., 0]
+        batch_shape = shapes[f"parameter {name}"] or ()
+        summed = _sum_broadcast_axes(total[..., None], (*batch_shape, 1))
+        parameters[name] = summed[..., 0]
     q0 = _sum_broadcast_axes(by_q0.reshape(*batch, robot.nv), shapes["q0"])
     dq0 = _sum_broadcast_axes(by_dq0.reshape(*batch, robot.nv), shapes["dq0"])
     return RolloutGradient(q0, dq0, law.pop("tau", None), law, wrenches, parameters, remarks_of(robot, plan))
@@ -186,17 +193,24 @@ def gradient(robot: Robot, inputs: Inputs, q: Array, dq: Array, slopes: Mapping[
 
 def linearize_steps(robot: Robot, inputs: Inputs, q: Array, dq: Array) -> tuple[Array, Array]:
     """A (..., steps, 2 nv, 2 nv) and B (..., steps, 2 nv, nv): rows by the adjoint of each step for unit vectors."""
-    n, rows, dtype = robot.nv, (*inputs.batch, inputs.steps, 2 * robot.nv), inputs.dtype
-    A, B = np.empty((*rows, 2 * n), dtype), np.empty((*rows, n), dtype)
-    unit, no_cost = np.eye(2 * n, dtype=dtype), np.zeros((1, n), dtype)
-    states = [x[..., :-1, None, None, :] for x in (q, q, dq)]
-    step_inputs = [inputs.arrays[2][:, None, None]]
-    for x, rank in zip(inputs.arrays[3:], inputs.ranks[3:], strict=True):
+    n = robot.nv
+    row_shape = (*inputs.batch, inputs.steps, 2 * n)
+    dtype = inputs.dtype
+    A = np.empty((*row_shape, 2 * n), dtype)
+    B = np.empty((*row_shape, n), dtype)
+    unit = np.eye(2 * n, dtype=dtype)
+    no_cost = np.zeros((1, n), dtype)
+    states = [x[..., :-1, None, None, :] for x in (q, q, dq)]  # q as angles and as coordinates
+    _, _, dt, *other_inputs = inputs.arrays
+    step_inputs = [dt[:, None, None]]
+    for x, rank in zip(other_inputs, inputs.ranks[3:], strict=True):
         if x.ndim != rank:
             x = x.reshape(*inputs.batch, *x.shape[1:])
         step_inputs.append(x[..., :, None, None, :])
-    costs = [no_cost] * (2 + inputs.plan.returns_torques)
-    by_inputs = {name: np.empty((*rows, 1, *shape), dtype) for name, shape in StepAdjoint(inputs.plan).by}
+    cost_count = 2 + inputs.plan.returns_torques  # by q, by dq, and by tau if torques are returned
+    costs = [no_cost] * cost_count
+    ports = StepAdjoint(inputs.plan).derivative_ports
+    by_inputs = {name: np.empty((*row_shape, 1, *shape), dtype) for name, shape in ports}
     by_inputs["tau"] = B[..., None, :]
     out = (A[..., None, :n], A[..., None, n:], *by_inputs.values())
     with np.errstate(all="ignore"):
@@ -221,31 +235,40 @@ def _sweep_backward(
     robot: Robot, inputs: Inputs, q: Array, dq: Array, cost: Mapping[str, Array]
 ) -> tuple[tuple[Array, Array], list[Array]]:
     """λ by q and by dq at the start, (samples, nv) each, and derivatives by all inputs, (samples, steps, …) each."""
-    samples, every, steps = len(q), inputs.steps // inputs.kept, inputs.steps
+    sample_count = len(q)
+    steps = inputs.steps
+    steps_per_state = steps // inputs.kept
     dtype = np.dtype(inputs.dtype)
-    by_inputs = list(result_arrays([(samples, steps, *shape) for _, shape in StepAdjoint(inputs.plan).by], dtype))
+    ports = StepAdjoint(inputs.plan).derivative_ports
+    by_inputs = list(result_arrays([(sample_count, steps, *shape) for _, shape in ports], dtype))
     slopes = cost["q"][:, -1], cost["dq"][:, -1]
-    length = steps if every == 1 else every
-    for first in range(steps - length, -1, -length):
-        step_inputs = _inputs_of_steps(inputs, slice(first, first + length))
-        if every == 1:
-            states, costs = (q[:, :-1], dq[:, :-1]), [x[:, :steps] for x in cost.values()]
+    interval_length = steps if steps_per_state == 1 else steps_per_state
+    for first_step in range(steps - interval_length, -1, -interval_length):
+        interval = slice(first_step, first_step + interval_length)
+        step_inputs = _inputs_of_steps(inputs, interval)
+        if steps_per_state == 1:
+            states = q[:, :-1], dq[:, :-1]
+            costs = [x[:, :steps] for x in cost.values()]
         else:
-            row = first // every
-            states = _recompute_states(robot, inputs, q[:, row], dq[:, row], step_inputs)
-            costs = [np.zeros((samples, every, robot.nv), x.dtype) for x in cost.values()]
-            for at_first, x in zip(costs, cost.values(), strict=True):
-                at_first[:, 0] = x[:, row]
+            state_index = first_step // steps_per_state
+            states = _recompute_states(robot, inputs, q[:, state_index], dq[:, state_index], step_inputs)
+            costs = []  # of the first step of the interval; the other states are not stored
+            for x in cost.values():
+                step_costs = np.zeros((sample_count, interval_length, robot.nv), x.dtype)
+                step_costs[:, 0] = x[:, state_index]
+                costs.append(step_costs)
+        interval_q, interval_dq = states
+        # inputs of the adjoint kernel, its steps in reverse order; q as angles and as coordinates
         arrays = [*slopes]
-        arrays += [x[:, ::-1] for x in (states[0], *states)]
+        arrays += [x[:, ::-1] for x in (interval_q, interval_q, interval_dq)]
         arrays += [x[::-1] if x.ndim == 1 else x[..., ::-1, :] for x in step_inputs]
         arrays += [x[:, ::-1] for x in costs]
         ranks = [1, 1, 2, 2, 2, *inputs.ranks[2:], *[2] * len(costs)]
-        by_q, by_dq = result_arrays([(samples, length, robot.nv)] * 2, dtype)
+        by_q, by_dq = result_arrays([(sample_count, interval_length, robot.nv)] * 2, dtype)
         outputs = [by_q, by_dq]
-        outputs += [x[:, first : first + length][:, ::-1] for x in by_inputs]
-        run_steps(_adjoint_kernel(robot, inputs.plan), arrays, ranks, tuple(outputs), length)
-        slopes = by_q[:, -1], by_dq[:, -1]
+        outputs += [x[:, interval][:, ::-1] for x in by_inputs]
+        run_steps(_adjoint_kernel(robot, inputs.plan), arrays, ranks, tuple(outputs), interval_length)
+        slopes = by_q[:, -1], by_dq[:, -1]  # at the beginning of the interval
     return slopes, by_inputs
 
 
@@ -260,20 +283,25 @@ def _inputs_of_steps(inputs: Inputs, steps: slice) -> list[Array]:
 def _recompute_states(
     robot: Robot, inputs: Inputs, q: Array, dq: Array, step_inputs: list[Array]
 ) -> tuple[Array, Array]:
-    """Recomputed states of an interval, without the last."""
-    samples, n = len(q), step_inputs[0].shape[0]
-    sizes = [robot.nq, robot.nv, *[robot.nv] * inputs.plan.returns_torques]
-    results = result_arrays([(samples, n, size) for size in sizes], np.dtype(inputs.dtype))
+    """q (samples, n, nq) and dq (samples, n, nv) before each of the n steps of an interval, recomputed from its start."""
+    n = len(step_inputs[0])
+    sizes = [robot.nq, robot.nv]
+    if inputs.plan.returns_torques:
+        sizes.append(robot.nv)
+    results = result_arrays([(len(q), n, size) for size in sizes], np.dtype(inputs.dtype))
     run_steps(kernel_of(robot, inputs.plan), [q, dq, *step_inputs], [1, 1, *inputs.ranks[2:]], results, n)
+    # not strict: results may end with torques
     states = [np.concatenate([x[:, None], y[:, :-1]], axis=1) for x, y in zip((q, dq), results, strict=False)]
     return states[0], states[1]
 
 
-def _rows(x: Array) -> Array:
+def _flatten_batch(x: Array) -> Array:
+    """Array (..., n, k) with one batch axis, (samples, n, k)."""
     return x.reshape(-1, *x.shape[-2:])
 
 
 def _adjoint_kernel(robot: Robot, plan: StepPlan) -> Any:
+    """Kernel of the adjoint loop, compiled once per robot and plan."""
     doc = f"Adjoints of the steps of rollouts of {robot.name}, compiled: {plan.method}."
     return robot.engine.cache(
         ("adjoint", *plan.key), lambda: compile_form(StepAdjoint(plan).recurrence, "adjoint", doc)
@@ -281,10 +309,11 @@ def _adjoint_kernel(robot: Robot, plan: StepPlan) -> Any:
 
 
 def _slopes_of(robot: Robot, inputs: Inputs, name: str, x: ArrayLike) -> Array:
-    """Derivatives of a cost by ``name`` of each row, (samples, rows, nv)."""
-    rows, what = inputs.kept + (name != "tau"), f"gradient: the slope by {name}"
+    """Derivatives of a cost by q, dq or tau, (samples, rows, nv): a row for each stored state, for tau without the last."""
+    row_count = inputs.kept + (name != "tau")
+    what = f"gradient: the slope by {name}"
     slope = arguments.real(x, what, names=robot.model.velocity_names)
-    shape = (*inputs.batch, rows, robot.nv)
+    shape = (*inputs.batch, row_count, robot.nv)
     try:
         slopes = np.broadcast_to(slope, shape)
     except ValueError:
@@ -292,15 +321,16 @@ def _slopes_of(robot: Robot, inputs: Inputs, name: str, x: ArrayLike) -> Array:
         raise ShapeError(
             f"{what} has shape {slope.shape}, expected {shape}: a number for each row and velocity.{hint}"
         ) from None
-    return _rows(slopes.astype(inputs.dtype))
+    return _flatten_batch(slopes.astype(inputs.dtype))
 
 
 def _sum_broadcast_axes(x: Array, shape: tuple[int, ...] | None) -> Array:
-    """Derivatives summed over the broadcast axes of an input of this shape; the last axis stays as in x."""
+    """Derivatives x summed over the broadcast axes of an input; ``shape`` is the input's, and the last axis stays."""
     if shape is None:
         return x
     if not shape:
         return np.asarray(x.sum())
-    x = x.sum(axis=tuple(range(x.ndim - len(shape))))
-    broadcast_axes = tuple(k for k, size in enumerate(shape[:-1]) if size == 1 != x.shape[k])
+    missing_axes = tuple(range(x.ndim - len(shape)))
+    x = x.sum(axis=missing_axes)
+    broadcast_axes = tuple(k for k, size in enumerate(shape[:-1]) if size == 1 and x.shape[k] != 1)
     return np.asarray(x.sum(axis=broadcast_axes, keepdims=True))

@@ -18,19 +18,19 @@ from .drives import CatalogMotor
 from .gear import KINDS, Gear
 
 Pair = tuple[str, str]
-"""Names of a motor and a gear. A servo has the gear ``DIRECT``, since its data apply to its output."""
+"""Names of a motor and its gear. A servo has the gear ``DIRECT``, since its data apply to its output."""
 
 DIRECT = "none"
 """Name of the identity gear, for direct drives."""
 
-_GEAR_UNITS = {  # quantities, whose units actuator files define; "" for numbers without unit
+_GEAR_UNITS = {  # kind of quantity of each number, for its unit; "" for numbers without unit
     "no_load_torque": "torque", "mass": "mass", "price": "", "rated_torque": "torque", "rated_speed": "rotor speed",
     "average_torque": "torque", "repeated_peak": "torque", "momentary_peak": "torque", "average_speed": "rotor speed",
     "maximum_speed": "rotor speed", "life": "life", "mean_exponent": "", "axial": "force", "radial": "force",
     "tilting": "torque",
 }  # fmt: skip
 _COSTS_OF_GEAR = ("efficiency", "no_load_torque", "mass", "mean_exponent")
-"""Numbers of a gear that make it look better if they are left out, so that reports name them as missing."""
+"""Numbers without which a gear looks better than it is; reports name them as missing."""
 _MAY_BE_ZERO = ("no_load_torque", "mass", "price")
 """Numbers of a gear that may be zero; the others must be above zero."""
 _SERVO_UNITS = {
@@ -39,6 +39,7 @@ _SERVO_UNITS = {
     "no_load_speed": "rotor speed",
     "voltage": "voltage",
 }
+"""Kind of quantity of each number of a servo, for its unit."""
 
 SERVOS: Mapping[str, Mapping[str, str]] = {
     "XM540-W150": {"stall_torque": "7.3 N m", "stall_current": "4.4 A", "no_load_speed": "53 rpm", "voltage": "12 V"},
@@ -50,7 +51,7 @@ SERVOS: Mapping[str, Mapping[str, str]] = {
 }
 """Data of servos from their makers, at the given voltage: ROBOTIS e-Manual; Feetech.
 
-Stall torque is not continuous: an STS3215 held 15 kgf cm for an hour at 48 °C, and was overloaded at 20 kgf cm
+A servo cannot hold its stall torque for long: an STS3215 held 15 kgf cm for an hour at 48 °C, and was overloaded at 20 kgf cm
 (TheRobotStudio/SO-ARM100#134)."""
 
 
@@ -78,7 +79,8 @@ class Catalog:
 
     def pair(self, names: Pair) -> tuple[CatalogMotor, Gear]:
         """Motor and gear with the given names."""
-        return self.motors[names[0]], self.gears[names[1]]
+        motor_name, gear_name = names
+        return self.motors[motor_name], self.gears[gear_name]
 
     def size(self, names: Pair) -> tuple[float, float, float]:
         """Sort key of a pair for the choice of the smallest: mass, price, rated torque."""
@@ -114,19 +116,21 @@ def _catalog(file: Section) -> Catalog:
     file.only("robot", "motors", "gears", "pairs", "actuators")
     if not file.content.get("motors"):
         raise ModelError("it has no entry 'motors:' with the motors of the catalogue below it.")
-    motor_sections = file.section("motors")
-    motors = {str(name): _motor(str(name), motor_sections.section(name)) for name in motor_sections.content}
+    motors_section = file.section("motors")
+    motors = {str(name): _motor(str(name), motors_section.section(name)) for name in motors_section.content}
     gears = {DIRECT: Gear(DIRECT, "direct")}
     if "gears" in file.content:
-        gear_sections = file.section("gears")
-        gears |= {str(name): _gear(str(name), gear_sections.section(name)) for name in gear_sections.content}
+        gears_section = file.section("gears")
+        gears |= {str(name): _gear(str(name), gears_section.section(name)) for name in gears_section.content}
     pairs: list[Pair] = []
     if "pairs" in file.content:
         pairs += _pairs(file, motors, gears)
     if not pairs:  # each servo without a gear, and each motor with each gear
-        for motor, gear in product(motors, gears):
-            if motors[motor].stall_only == (gear == DIRECT):
-                pairs.append((motor, gear))
+        for motor_name, gear_name in product(motors, gears):
+            is_servo = motors[motor_name].stall_only
+            is_direct = gear_name == DIRECT
+            if is_servo == is_direct:
+                pairs.append((motor_name, gear_name))
     drives: dict[str, Pair] = {}
     if "actuators" in file.content:
         drives.update(_drives(file, motors, gears))
@@ -136,23 +140,25 @@ def _catalog(file: Section) -> Catalog:
 
 
 def _motor(name: str, section: Section) -> CatalogMotor:
-    """Motor, or a servo represented by the motor of its speed–torque line and its stall torque."""
-    costs = section.optional("mass", section.number, "mass") | section.optional("price", section.number, "")
-    costs["unstated"] = frozenset({"mass"} - set(section.content))
-    if "stall_torque" in section.content:
+    """Motor from its entry; a servo becomes the motor with its speed–torque line and its stall torque."""
+    fields: dict[str, Any] = section.optional("mass", section.number, "mass")
+    fields |= section.optional("price", section.number, "")
+    fields["unstated"] = frozenset({"mass"} - set(section.content))
+    is_servo = "stall_torque" in section.content
+    if is_servo:
         section.only(*_SERVO_UNITS, "mass", "price")
         for key in ("no_load_speed", "voltage"):
             if key not in section.content:
                 raise ModelError(f"{section.path} has a stall_torque and no {key}, so it has no speed–torque line.")
         keys = ("stall_torque", "no_load_speed", "voltage")
-        stall, speed, voltage = (section.number(key, _SERVO_UNITS[key]) for key in keys)
-        if not min(stall, speed, voltage) > 0:
+        stall_torque, no_load_speed, voltage = (section.number(key, _SERVO_UNITS[key]) for key in keys)
+        if not min(stall_torque, no_load_speed, voltage) > 0:
             raise ModelError(f"{section.path}: stall torque, no-load speed and voltage must be above 0.")
-        # On the speed–torque line: speed = voltage / constant at no torque, and stall = constant * voltage / resistance.
-        constant = voltage / speed
-        resistance = constant * voltage / stall
-        motor = Motor(constant, resistance, voltage=voltage, current_peak=stall / constant)
-        return _check_motor(CatalogMotor(name, motor, stall_only=True, **costs), section)
+        # ends of the speed–torque line: no-load speed = voltage / constant, stall torque = constant * voltage / resistance
+        constant = voltage / no_load_speed
+        resistance = constant * voltage / stall_torque
+        motor = Motor(constant, resistance, voltage=voltage, current_peak=stall_torque / constant)
+        return _check_motor(CatalogMotor(name, motor, stall_only=True, **fields), section)
     motor = read_motor(section, "mass", "price", "rotor")
     inertia = 0.0
     if "rotor" in section.content:
@@ -162,14 +168,14 @@ def _motor(name: str, section: Section) -> CatalogMotor:
             inertia = rotor.number("inertia", "inertia")
         if not inertia > 0:
             raise ModelError(f"{rotor.where('inertia')} must be given and be above 0.")
-    return _check_motor(CatalogMotor(name, motor, inertia, **costs), section)
+    return _check_motor(CatalogMotor(name, motor, inertia, **fields), section)
 
 
-def _check_motor(entry: CatalogMotor, section: Section) -> CatalogMotor:
-    """The motor itself; raises ModelError if a number has the wrong sign."""
-    check_actuator(Actuator(section.path, motor=entry.motor))
-    _check_signs({"mass": entry.mass, "price": entry.price}, section, zero_allowed=True)
-    return entry
+def _check_motor(motor: CatalogMotor, section: Section) -> CatalogMotor:
+    """The motor itself; raises ModelError if a number of its entry has the wrong sign."""
+    check_actuator(Actuator(section.path, motor=motor.motor))
+    _check_signs({"mass": motor.mass, "price": motor.price}, section, zero_allowed=True)
+    return motor
 
 
 def _gear(name: str, section: Section) -> Gear:
@@ -182,7 +188,7 @@ def _gear(name: str, section: Section) -> Gear:
         raise UnknownNameError.from_choices(f"kind of gear ({section.path})", str(kind), KINDS)
     ratio = gear_ratio(section.content["ratio"], section.where("ratio"), sliding=False)
     efficiency = section.optional("efficiency", lambda key: plain_share(section.content[key], section.where(key)))
-    check_actuator(Actuator(section.path, ratio=ratio, **efficiency))
+    check_actuator(Actuator(section.path, ratio=ratio, **efficiency))  # efficiency: a mapping, empty if not given
     numbers = {key: section.number(key, unit) for key, unit in _GEAR_UNITS.items() if key in section.content}
     costs = {key: number for key, number in numbers.items() if key in _MAY_BE_ZERO}
     ratings = {key: number for key, number in numbers.items() if key not in _MAY_BE_ZERO}
@@ -202,13 +208,14 @@ def _check_signs(numbers: Mapping[str, float], section: Section, *, zero_allowed
 
 def _pairs(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Iterator[Pair]:
     """Pairs that the file lists; raises ModelError if an entry is not a pair."""
-    listed = file.content["pairs"]
-    if isinstance(listed, str | Mapping) or not hasattr(listed, "__iter__"):
-        raise ModelError(f"pairs is {short_text(listed)}, expected pairs such as [[B, G], [C, G]].")
-    for pair in listed:
-        if isinstance(pair, str) or not hasattr(pair, "__len__") or len(pair) != 2:
-            raise ModelError(f"pairs has {short_text(pair)}, expected a motor and a gear, such as [B, G].")
-        yield _check_pair(str(pair[0]), str(pair[1]), motors, gears)
+    entries = file.content["pairs"]
+    if isinstance(entries, str | Mapping) or not hasattr(entries, "__iter__"):
+        raise ModelError(f"pairs is {short_text(entries)}, expected pairs such as [[B, G], [C, G]].")
+    for entry in entries:
+        is_pair = not isinstance(entry, str) and hasattr(entry, "__len__") and len(entry) == 2
+        if not is_pair:
+            raise ModelError(f"pairs has {short_text(entry)}, expected a motor and a gear, such as [B, G].")
+        yield _check_pair(str(entry[0]), str(entry[1]), motors, gears)
 
 
 def _drives(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Iterator[tuple[str, Pair]]:
@@ -219,12 +226,13 @@ def _drives(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) 
         entry.only("motor", "gear")
         if "motor" not in entry.content:
             raise ModelError(f"{entry.path} has no motor.")
-        motor, gear = str(entry.content["motor"]), str(entry.content.get("gear", DIRECT))
+        motor = str(entry.content["motor"])
+        gear = str(entry.content.get("gear", DIRECT))
         yield joint, _check_pair(motor, gear, motors, gears)
 
 
 def _check_pair(motor: str, gear: str, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Pair:
-    """The pair itself; raises UnknownNameError if the catalogue lacks its motor or gear."""
+    """Pair of the two names; raises UnknownNameError if the catalogue lacks the motor or the gear."""
     for part, name, choices in (("motor", motor, motors), ("gear", gear, gears)):
         if name not in choices:
             raise UnknownNameError.from_choices(f"{part} of the catalogue", name, choices)

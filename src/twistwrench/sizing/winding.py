@@ -24,7 +24,9 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
     In the code this is dθ/dt = [a, b; c, d] θ + (R cold i² / C_w, 0) with cold = 1 + α (T_ambient - T_0). A single thermal
     mass is the winding; the housing is then a separate entry that cools alone.
     """
-    R, alpha, heat = resistance, thermal.coefficient, np.asarray(squares, float)  # heat: i²
+    R = resistance
+    alpha = thermal.coefficient
+    heat = np.asarray(squares, float)  # i²
     cold = 1 + alpha * (ambient - thermal.reference)
     if thermal.winding_housing:
         R_w, R_h = thermal.winding_housing, thermal.housing_ambient
@@ -35,7 +37,7 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
         C_w = thermal.housing_time / thermal.housing_ambient
         a, b, c = (R * alpha * heat - 1 / thermal.housing_ambient) / C_w, 0.0, 0.0
         d = a - 1 / thermal.housing_time
-    # A = middle 1 + traceless, whose square is distance² 1; so the eigenvalues of A are middle ± distance.
+    # A = middle 1 + traceless, and traceless² = distance² 1, so the eigenvalues of A are middle ± distance.
     middle, distance = 0.5 * (a + d), np.sqrt((0.5 * (a - d)) ** 2 + b * c)
     half = 0.5 * (a - d)
     upper_row = np.stack([half, np.full_like(half, b)], -1)
@@ -45,19 +47,22 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
     def matrix_function(at_larger: Array, at_smaller: Array) -> Array:
         """Function f(A) from its values at the two eigenvalues."""
         mean = 0.5 * (at_larger + at_smaller)[:, None, None] * np.eye(2)
-        return np.asarray(mean + (0.5 * (at_larger - at_smaller) / distance)[:, None, None] * traceless)
+        slope = 0.5 * (at_larger - at_smaller) / distance
+        return np.asarray(mean + slope[:, None, None] * traceless)
 
     def integral_of_exp(eigenvalue: Array) -> Array:
         """∫ exp(λ t) dt over the duration, which is the duration itself for λ = 0."""
         exponent = eigenvalue * duration
-        return np.where(np.abs(exponent) > 1e-12, np.expm1(exponent) / eigenvalue, duration)
+        is_nonzero = np.abs(exponent) > 1e-12  # beyond rounding errors
+        return np.where(is_nonzero, np.expm1(exponent) / eigenvalue, duration)
 
     larger, smaller = middle + distance, middle - distance
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         matrices = np.zeros((len(heat), 3, 3))
         matrices[:, :2, :2] = matrix_function(np.exp(larger * duration), np.exp(smaller * duration))
-        response = matrix_function(integral_of_exp(larger), integral_of_exp(smaller))
-        matrices[:, :2, 2] = response[:, :, 0] * (R * cold * heat / C_w)[:, None]
+        integral = matrix_function(integral_of_exp(larger), integral_of_exp(smaller))
+        heating = R * cold * heat / C_w  # of the winding [K/s]
+        matrices[:, :2, 2] = integral[:, :, 0] * heating[:, None]
     matrices[:, 2, 2] = 1.0
     return matrices
 
@@ -65,30 +70,32 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
 def periodic_temperatures(
     thermal: Thermal, resistance: float, squares: Array, duration: Array, ambient: float
 ) -> Array:
-    """Periodic temperatures of winding and housing, (m + 1, 2) [°C], at the segment ends of a repeated cycle.
+    """Periodic temperatures of winding and housing, (m + 1, 2) [°C], at the begin and the segment ends of a repeated cycle.
 
-    They are inf if there is no periodic state (thermal runaway): the hotter winding heats more than its housing
-    dissipates.
+    They are inf if there is no periodic state (thermal runaway): a hot winding heats more than its housing dissipates.
     """
     from_start = _cumulative(transitions(thermal, resistance, squares, duration, ambient))
     cycle = from_start[-1]
-    if not np.isfinite(cycle).all() or np.abs(np.linalg.eigvals(cycle[:2, :2])).max() >= 1:
+    A, b = cycle[:2, :2], cycle[:2, 2]
+    if not np.isfinite(cycle).all() or np.abs(np.linalg.eigvals(A)).max() >= 1:
         return np.full((len(squares) + 1, 2), np.inf)
-    # The state after the cycle equals the one before it: θ = A θ + b.
-    state = np.append(np.linalg.solve(np.eye(2) - cycle[:2, :2], cycle[:2, 2]), 1.0)
-    return np.asarray(np.vstack([state, from_start @ state]))[:, :2] + ambient
+    theta = np.linalg.solve(np.eye(2) - A, b)  # equal before and after the cycle: θ = A θ + b
+    state = np.append(theta, 1.0)
+    states = np.asarray(np.vstack([state, from_start @ state]))
+    return states[:, :2] + ambient
 
 
 def _cumulative(matrices: Array) -> Array:
     """Products matrices[k] ··· matrices[0] for each k, (m, 3, 3); the number of array operations grows with log2 m.
 
-    Products up to odd k are those of the matrices multiplied in pairs; those up to even k need one more factor.
+    Products up to odd k are products of pairs of matrices; products up to even k need one more factor.
     """
     if len(matrices) == 1:
         return matrices
     even_count = len(matrices) // 2 * 2
     with np.errstate(over="ignore", invalid="ignore"):
-        up_to_odd = _cumulative(matrices[1:even_count:2] @ matrices[:even_count:2])
+        pairs = matrices[1:even_count:2] @ matrices[:even_count:2]
+        up_to_odd = _cumulative(pairs)
         products = np.empty_like(matrices)
         products[0] = matrices[0]
         products[1:even_count:2] = up_to_odd
@@ -97,13 +104,13 @@ def _cumulative(matrices: Array) -> Array:
 
 
 def runaway_current(thermal: Thermal, resistance: float) -> float:
-    """Constant current [A] above which the winding temperature grows without bound."""
+    """Constant current [A] above which the winding temperature grows without bound; inf if there is none."""
     inverse_square = resistance * thermal.coefficient * (thermal.winding_housing + thermal.housing_ambient)
     return 1 / math.sqrt(inverse_square) if inverse_square > 0 else math.inf
 
 
 def allowed_current(thermal: Thermal, resistance: float, ambient: float) -> float:
-    """Constant current [A] at which the winding reaches its maximum temperature."""
+    """Constant current [A] at which the winding reaches its maximum temperature; inf if it never does."""
     hot_resistance = resistance * (1 + thermal.coefficient * (thermal.maximum - thermal.reference))
     allowed_rise = thermal.maximum - ambient
     if allowed_rise <= 0:

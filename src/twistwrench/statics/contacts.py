@@ -65,8 +65,8 @@ class Contact:
     def __post_init__(self) -> None:
         for name in ("point", "normal"):
             label = f"a contact's {name}"
-            vector_given = arguments.one(getattr(self, name), label, 3)
-            object.__setattr__(self, name, arguments.finite(vector_given, label, 3).copy())
+            one_vector = arguments.one(getattr(self, name), label, 3)  # not a batch
+            object.__setattr__(self, name, arguments.finite(one_vector, label, 3).copy())
         object.__setattr__(self, "friction", arguments.number(self.friction, "a contact's friction"))
         length = float(np.linalg.norm(self.normal))
         if length == 0:
@@ -78,8 +78,8 @@ class Contact:
         object.__setattr__(self, "radius", arguments.positive(self.radius, "a contact's radius", "m", zero=True))
         for name in ("push", "pull"):
             force = arguments.number(getattr(self, name), f"a contact's {name}")
-            is_endless_pull = name == "pull" and force == np.inf
-            if not force >= 0 or is_endless_pull:
+            is_infinite_pull = name == "pull" and force == np.inf
+            if not force >= 0 or is_infinite_pull:  # also for nan
                 raise ValueRangeError(f"a contact's {name} is {printed(force)}. Give a force of at least zero [N].")
             object.__setattr__(self, name, force)
         if not isinstance(self.group, str | None):
@@ -102,11 +102,11 @@ class Contact:
     def edges(self, count: int, *, around: bool = False) -> Array:
         """Edges of a pyramid inside the friction cone, or ``around`` it, as forces with unit normal part.
 
-        Edge k has the tangential part μ at the angle 2πk/count; edges around the cone have μ / cos(π/count).
+        Edge k has the tangential part μ at the angle 2πk/count, or μ / cos(π/count) if the pyramid is around the cone.
 
         Parameters
         ----------
-        count : int, 3 or more
+        count : int, number of edges, 3 or more
         around : bool, around the cone rather than inside
 
         Returns
@@ -116,12 +116,13 @@ class Contact:
         count = arguments.whole(count, "the number of a cone's edges", 3)  # fewer edges enclose no volume
         if self.friction == 0:
             return np.array(self.normal[None])
-        tangential = self.friction
+        tangential_size = self.friction
         if around:
-            tangential = tangential / np.cos(np.pi / count)
-        first, second = tangents(self.normal)
-        angle = 2 * np.pi * np.arange(count)[:, None] / count
-        return self.normal + tangential * (np.cos(angle) * first + np.sin(angle) * second)
+            tangential_size = tangential_size / np.cos(np.pi / count)
+        t1, t2 = tangents(self.normal)
+        angles = 2 * np.pi * np.arange(count)[:, None] / count
+        directions = np.cos(angles) * t1 + np.sin(angles) * t2
+        return self.normal + tangential_size * directions
 
     def allows(self, force: ArrayLike, slack: float = 1e-9) -> Any:
         """True if a force lies in the friction cone and is within the contact's ``push`` and ``pull``.
@@ -137,47 +138,49 @@ class Contact:
         """
         f = arguments.finite(force, "force", 3)
         normal_part = f @ self.normal
-        tangential_part = np.linalg.norm(f - normal_part[..., None] * self.normal, axis=-1)
-        tolerance = slack * np.maximum(1.0, np.linalg.norm(f, axis=-1))
-        pressing = normal_part + self.pull
-        does_not_slide = tangential_part <= self.friction * pressing + tolerance
-        stays_closed = pressing >= -tolerance
-        return does_not_slide & stays_closed & (normal_part <= self.push + tolerance)
+        tangential_size = np.linalg.norm(f - normal_part[..., None] * self.normal, axis=-1)
+        tolerance = slack * np.maximum(1.0, np.linalg.norm(f, axis=-1))  # [N], for forces below 1 N too
+        pressing_force = normal_part + self.pull
+        does_not_slide = tangential_size <= self.friction * pressing_force + tolerance
+        stays_closed = pressing_force >= -tolerance
+        is_within_push = normal_part <= self.push + tolerance
+        return does_not_slide & stays_closed & is_within_push
 
 
 def tangents(n: Array) -> Array:
-    """Unit vectors (2, 3) across ``n``; the first from the first axis, or from the second if that is nearly along ``n``."""
-    axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    """Unit vectors (2, 3) across ``n`` and each other; the first is nearest to the x axis, or to y if n is nearly along x."""
+    axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])  # 0.9: within 26° of x
     t = axis - (axis @ n) * n
     t = t / np.linalg.norm(t)
     return np.stack([t, np.cross(n, t)])
 
 
 def contacts_of(value: Any) -> tuple[Contact, ...]:
-    """Contacts of a list with at least one. Raises ValueRangeError."""
+    """Contacts of a list. Raises ValueRangeError for an empty list or other values."""
     contacts = tuple(value) if isinstance(value, Iterable) else ()
-    if not contacts or not all(isinstance(c, Contact) for c in contacts):
+    are_contacts = all(isinstance(c, Contact) for c in contacts)
+    if not contacts or not are_contacts:
         raise ValueRangeError(f"contacts is {value!r}. Give a list of statics.Contact, at least one.")
     return contacts
 
 
 def refuse_loops(robot: Robot, function: str) -> None:
-    """Raise ConstraintError if the robot's loops are closed: their forces and friction cones are not decided together."""
+    """Raise ConstraintError if the robot has constraints: their forces and the contact forces are not computed together."""
     if not robot.constraints:
         return
-    first, *others = robot.constraints
-    and_others = f" and {len(others)} more" if others else ""
-    joined_to_base = [c.name for c in robot.constraints if not _joins_moving_links(robot, c)]
-    if joined_to_base:
-        remedy = f"In place of {joined_to_base[0]} give a contact that holds there, with pull=, on a robot without it."
+    first_constraint, *other_constraints = robot.constraints
+    and_others = f" and {len(other_constraints)} more" if other_constraints else ""
+    held_at_base = [c.name for c in robot.constraints if not _joins_moving_links(robot, c)]
+    if held_at_base:
+        remedy = f"In place of {held_at_base[0]} give a contact that holds there, with pull=, on a robot without it."
     else:
         remedy = (
             "Loops of its links change neither contact forces nor margins: robot.open() gives them here. Torques with these "
             "forces are robot.inverse_dynamics(q, dq, ddq, actuated=…, wrench_on_robot=…)."
         )
     raise ConstraintError(
-        f"{function}: robot {robot.name!r} is closed by {first.name}{and_others}, and forces of closures and contacts are not "
-        f"computed together. {remedy}"
+        f"{function}: robot {robot.name!r} is closed by {first_constraint.name}{and_others}, and forces of closures and "
+        f"contacts are not computed together. {remedy}"
     )
 
 
@@ -207,25 +210,35 @@ def contact_maps(robot: Robot, q: Array, contacts: Sequence[Contact]) -> tuple[A
 
 
 def cones_of(contacts: Sequence[Contact], rows: int = 1) -> tuple[Cones, ForceBounds]:
-    """Cones of forces, to which preloads are added, and bounds of their normal parts; contacts of a group share a bound."""
-    groups: dict[object, list[int]] = {}
+    """Cones of forces with the preloads added, and bounds of the normal parts of these forces.
+
+    Contacts of a group share a bound. Bounds are repeated for ``rows`` states.
+    """
+    groups: dict[object, list[int]] = {}  # indices of contacts
     for k, c in enumerate(contacts):
         if c.push < np.inf:
             group = k if c.group is None else (c.group, c.frame)
             groups.setdefault(group, []).append(k)
     is_member = np.zeros((len(groups), len(contacts)))
-    largest_sums = np.zeros(len(groups))
-    for row, members in enumerate(groups.values()):
-        is_member[row, members] = 1.0
+    max_sums = np.zeros(len(groups))
+    for g, members in enumerate(groups.values()):
+        is_member[g, members] = 1.0
+        first_member = contacts[members[0]]
         pushes = sorted({contacts[k].push for k in members})
         if len(pushes) > 1:
+            pushes_text = listed([number(push) for push in pushes])
             raise ValueRangeError(
-                f"contacts of group {contacts[members[0]].group!r} have pushes of {listed([number(p) for p in pushes])} N. "
+                f"contacts of group {first_member.group!r} have pushes of {pushes_text} N. "
                 "Give all of them the largest sum of their normal forces."
             )
-        largest_sums[row] = contacts[members[0]].push + sum(contacts[k].pull for k in members)
+        max_sums[g] = first_member.push + sum(contacts[k].pull for k in members)
     normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
-    maps = is_member[..., None] * normals
-    arrays = maps, largest_sums, np.zeros_like(largest_sums)
-    bounds = ForceBounds(*(np.broadcast_to(array, (rows, *array.shape)) for array in arrays))
-    return Cones(normals, np.array([c.friction for c in contacts])), bounds
+    maps = is_member[..., None] * normals  # (groups, c, 3): from forces to the sum of normal parts of each group
+    no_growth = np.zeros((rows, len(groups)))
+    bounds = ForceBounds(
+        maps=np.broadcast_to(maps, (rows, *maps.shape)),
+        most=np.broadcast_to(max_sums, (rows, len(groups))),
+        rate=no_growth,
+    )
+    frictions = np.array([c.friction for c in contacts])
+    return Cones(normals, frictions), bounds

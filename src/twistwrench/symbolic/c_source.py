@@ -33,45 +33,45 @@ def c_source(equations: Equations, prefix: str | None = None) -> str:
     """
     if prefix is None:
         prefix = re.sub(r"\W", "_", equations.name, flags=re.ASCII)
-        if not re.match(r"[A-Za-z]", prefix):
+        begins_with_letter = re.match(r"[A-Za-z]", prefix)
+        if not begins_with_letter:
             prefix = f"robot_{prefix}"
     if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z]\w*", prefix, flags=re.ASCII):
         raise ValueRangeError(f"prefix={prefix!r} cannot begin a name in C. Use letters, digits and underscores.")
-    names, symbols = ordered_names(equations), constants(equations)
+    names = ordered_names(equations)
+    symbols = constants(equations)
     n = len(equations.q)
     remarks = header(equations)
     if symbols:
         remarks.append(f"p = ({', '.join(names_of(symbols))})")
     remarks_text = visible("\n".join(remarks)).replace("*/", "* /").replace("/*", "/ *")  # must not end the comment
     comment = "\n".join(f" * {line}" for line in remarks_text.splitlines())
-    parts = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
+    blocks = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
     signatures = {name: _signature(name, prefix, n, len(symbols)) for name in FUNCTIONS}
-    parts.append("\n".join(f"{signature};" for signature in signatures.values()))
+    blocks.append("\n".join(f"{signature};" for signature in signatures.values()))
     values = equations.values
     all_have_values = values.keys() >= set(symbols)
     if symbols and all_have_values:
-        rows = "\n".join(f"    {float(values[symbol])!r}, /* {symbol.name} */" for symbol in symbols)
-        parts.append(
-            f"extern const double {prefix}_parameters[{len(symbols)}];\n"
-            f"const double {prefix}_parameters[{len(symbols)}] = {{\n{rows}\n}};"
-        )
+        value_lines = "\n".join(f"    {float(values[symbol])!r}, /* {symbol.name} */" for symbol in symbols)
+        array = f"const double {prefix}_parameters[{len(symbols)}]"
+        blocks.append(f"extern {array};\n{array} = {{\n{value_lines}\n}};")
     for name, signature in signatures.items():
-        parts.append(_function(routine(equations, name, names), signature, bool(symbols)))
-    return "\n\n".join(parts) + "\n"
+        blocks.append(_function(routine(equations, name, names), signature, bool(symbols)))
+    return "\n\n".join(blocks) + "\n"
 
 
 def _signature(name: str, prefix: str, n: int, parameter_count: int) -> str:
-    """Declaration of a function: its input arrays, the parameters p if there are any, and the array of results."""
-    arrays, letter, axes, _ = FUNCTIONS[name]
+    """Declaration of a function for n joints: its input arrays, the parameters p if there are any, and the array of results."""
+    arrays, result_letter, result_axes, _ = FUNCTIONS[name]
     inputs = [f"const double {array}[{n}]" for array in arrays]
     if parameter_count:
         inputs.append(f"const double p[{parameter_count}]")
-    return f"void {prefix}_{name}({', '.join(inputs)}, double {letter}[{n**axes}])"
+    return f"void {prefix}_{name}({', '.join(inputs)}, double {result_letter}[{n**result_axes}])"
 
 
 def _function(function: Routine, signature: str, has_parameters: bool) -> str:
     """Definition of a function with its comment."""
-    arrays, letter, _, meaning = FUNCTIONS[function.name]
+    arrays, result_letter, _, meaning = FUNCTIONS[function.name]
     if has_parameters:
         arrays = (*arrays, "p")
     lines = [f"/* {meaning}. */", signature, "{"]
@@ -81,7 +81,7 @@ def _function(function: Routine, signature: str, has_parameters: bool) -> str:
     for name, expr in function.lines:
         lines.append(f"    const double {name} = {expression_text(expr, _C)};")
     for index, expr in enumerate(function.results):
-        lines.append(f"    {letter}[{index}] = {expression_text(expr, _C)};")
+        lines.append(f"    {result_letter}[{index}] = {expression_text(expr, _C)};")
     return "\n".join([*lines, "}"])
 
 
@@ -95,3 +95,4 @@ _C = {
     "sign": "(double)((({0}) > 0.0) - (({0}) < 0.0))",
     "pow": "pow({}, {})",
 }  # fmt: skip
+"""Form of each function in C, with placeholders for its arguments."""

@@ -49,8 +49,10 @@ from .parameters import ModelEntries, model_entries
 from .source_code import free_symbols
 from .trig_polynomial import Ring
 
+_MAX_LISTED = 6
+"""Largest number of joints that a remark names."""
 Form: TypeAlias = Literal["auto", "expanded", "named"]
-"""``expanded``: every term is written out. ``named``: intermediate results get names. ``auto``: expanded if short."""
+"""``expanded``: every term is written out. ``named``: intermediate results get names. ``auto``: expanded if that is short."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,7 +83,7 @@ class Derivation(Answer, Equations):
     check: DerivationCheck | None = None
     """Comparison with the compiled kernels."""
     selected: tuple[str, ...] | None = None
-    """Names of the steps to print; None: those that fit into a screen."""
+    """Names of the steps to print; None for the steps that fit into a screen."""
     source: str | Path = ""
     """File of the robot."""
 
@@ -151,7 +153,7 @@ class Derivation(Answer, Equations):
         return super().c_source(prefix)
 
     def _refuse_disagreement(self) -> None:
-        """Raise if the equations are wrong: no program may be made of them."""
+        """Raise KernelError if the equations disagree with the compiled kernels: no program may be made of them."""
         if not self.verdict.ok:
             raise KernelError(f"{self.verdict.reasons[0]}. Please report this robot with its file.")
 
@@ -227,17 +229,18 @@ def derive(
         robot = load(robot)
     robot = _moving_robot(robot)
     model = robot.model
-    entries, coordinates = model_entries(model, symbols), coordinates_of(model)
+    entries = model_entries(model, symbols)
+    coordinates = coordinates_of(model)
     ring = ring_of(entries, coordinates)
-    motion = None
+    motion = None  # of the expanded form
     if form == "expanded" or (form == "auto" and model.nv <= MAX_EXPANDED_COORDINATES):
         motion = motion_of(model, entries, coordinates, ring, MAX_POSITION_TERMS, MAX_ROTATION_TERMS)
-        products = float("inf")
+        product_count = float("inf")  # of terms; infinite if positions have too many terms
         if motion is not None:
-            products = motion.products([body.inertia for body in entries.bodies])
+            product_count = motion.products([body.inertia for body in entries.bodies])
         if form == "expanded":
-            check_expanded(robot.name, products, model.nv)
-        elif products > MAX_AUTOMATIC_PRODUCTS:
+            check_expanded(robot.name, product_count, model.nv)
+        elif product_count > MAX_AUTOMATIC_PRODUCTS:
             motion = None
     if motion is None:
         check_named(robot)
@@ -259,7 +262,7 @@ def derive(
         meanings=tuple((coordinate.name, coordinate.meaning) for coordinate in coordinates),
         remarks=_friction_remark(robot),
         source=model.source,
-        # A robot has no further terms; rounding errors of cancelled numbers may look like some.
+        # τ = M q̈ + c + g for every robot; rounding errors of cancelled numbers may look like further terms
         **fields | {"split": True},
     )
     selected = None
@@ -272,16 +275,19 @@ def _expanded_derivation(
     model: Model, entries: ModelEntries, coordinates: tuple[Coordinate, ...], ring: Ring, motion: SymbolicMotion
 ) -> dict[str, Any]:
     """Fields of the derivation with every term written out."""
-    arithmetic, zero = RingArithmetic(ring, coordinates), ring.number(0.0)
+    arithmetic = RingArithmetic(ring, coordinates)
+    zero = ring.number(0.0)
     kinetic, potential = energies(entries, motion, arithmetic)
-    springs, drives = spring_energies(model, entries, arithmetic), drive_energies(entries, arithmetic)
-    K, P = sum((*kinetic, *drives), zero), sum((*potential, *springs), zero)
+    springs = spring_energies(model, entries, arithmetic)
+    drives = drive_energies(entries, arithmetic)
+    K = sum((*kinetic, *drives), zero)
+    P = sum((*potential, *springs), zero)
     masses = [parameter.name for parameter in entries.parameters if "masses" in parameter.kinds]
     writer = EquationWriter(ring, chain_angles(model, ring, coordinates), masses=masses)
     fields = assemble_equations(Terms(ring, coordinates, K, P), writer)
     tags = [body.tag for body in entries.bodies]
-    all_energies = kinetic, potential, springs, drives
-    energy_steps = _energy_steps(writer, coordinates, tags, motion, all_energies, fields["lagrangian"])
+    energy_parts = kinetic, potential, springs, drives
+    energy_steps = _energy_steps(writer, coordinates, tags, motion, energy_parts, fields["lagrangian"])
     return fields | {"steps": (*energy_steps, *fields["steps"]), "form": "expanded"}
 
 
@@ -297,7 +303,8 @@ def _moving_robot(robot: Robot) -> Robot:
 
 def _named_steps(steps: Names) -> Iterable[str] | None:
     """Names of steps; None for ``"all"``."""
-    return None if steps == "all" or list(steps) == ["all"] else steps
+    means_all = steps == "all" or list(steps) == ["all"]
+    return None if means_all else steps
 
 
 def _friction_remark(robot: Robot) -> tuple[str, ...]:
@@ -306,28 +313,35 @@ def _friction_remark(robot: Robot) -> tuple[str, ...]:
     if not friction.any:
         return ()
     has_friction = friction.viscous.astype(bool) | friction.static.astype(bool) | friction.load.astype(bool)
-    names = []  # a joint with several velocities is counted for each
+    names = []  # of joints, once for each of their velocities
     for body in robot.model.leaders:
         _, columns = body.places
         names += [body.joint.name] * np.count_nonzero(has_friction[columns])
-    return (f"Friction is left out of these equations; the robot has some at {listed(names, 6)}.",)
+    return (f"Friction is left out of these equations; the robot has some at {listed(names, _MAX_LISTED)}.",)
 
 
 def _symbols(names: Iterable[str]) -> tuple[Any, ...]:
+    """Symbols of SymPy."""
     return tuple(map(sympy.Symbol, names))
 
 
 def _energy_steps(
-    writer: EquationWriter, coordinates: Any, tags: list[str], motion: SymbolicMotion, all_energies: Any, L: Any
+    writer: EquationWriter, coordinates: Any, tags: list[str], motion: SymbolicMotion, energy_parts: Any, L: Any
 ) -> tuple[Step, ...]:
-    """Steps before Lagrange's equations, of :data:`_ENERGY_STEPS`; ``tags`` are the suffixes of the bodies' symbols."""
+    """Steps of :data:`_ENERGY_STEPS`, which come before Lagrange's equations.
+
+    ``tags`` are the suffixes of the bodies' symbols. ``energy_parts`` are the kinetic and potential energies of the bodies, and
+    the energies of springs and drives.
+    """
     _, rates, _ = variable_names(coordinates)
-    K, P, springs, drives = all_energies
+    K, P, springs, drives = energy_parts
 
     def column(vector: Any) -> Any:
+        """Expression of a vector."""
         return sympy.ImmutableMatrix([writer.write_by_motion(entry, rates, writer.write_by_angle) for entry in vector])
 
     def energy_by_mass(total: Any) -> Any:
+        """Expression of an energy, with its terms ordered by mass."""
         return writer.write_by_motion(total, rates, writer.write_by_mass)
 
     lines: defaultdict[str, list[Line]] = defaultdict(list)

@@ -62,25 +62,30 @@ def derivation_view(derivation: Derivation) -> Iterator[Block]:
 
 
 def _headline(derivation: Derivation) -> Headline:
+    """Verdict, with the form and the number of symbols if it is DONE."""
     verdict = derivation.verdict
     if not verdict.ok:
         return Headline.from_verdict(verdict)
     text = f"equations of motion of {derivation.name}, {derivation.brief}"
-    count = len(derivation.parameters)
-    if count:
-        text += f", {count} symbol{'s' * (count > 1)} with values"
+    symbol_count = len(derivation.parameters)
+    if symbol_count:
+        noun = "symbols" if symbol_count > 1 else "symbol"
+        text += f", {symbol_count} {noun} with values"
     return Headline(verdict.word, f"{text}; checked.")
 
 
 def _overview(derivation: Derivation, legend: Aligned, steps: dict[str, Aligned]) -> Iterator[Block]:
-    """Table of the steps, short steps, and an entry of M if M is not among them; with ``Level.ALL`` everything."""
+    """Table of the steps, short steps, and an entry of M unless M is a short step; all other blocks with ``Level.ALL``."""
     yield _step_table(derivation, Level.SHORT)
     remaining_lines = _MAX_LINES - _OTHER_LINES - len(steps) - _TABLE_HEAD_LINES
     short_steps: list[str] = []
     for name in _STEPS_BESIDE_TABLE:
-        if name in steps and _height(steps[name]) <= min(remaining_lines, _MAX_STEP_LINES):
+        if name not in steps:
+            continue
+        height = _height(steps[name])
+        if height <= min(remaining_lines, _MAX_STEP_LINES):
             short_steps.append(name)
-            remaining_lines -= _height(steps[name])
+            remaining_lines -= height
     if "mass_matrix" not in short_steps:
         label, shortest_entry = min(steps["mass_matrix"].rows, key=lambda row: text_width(row[1]))
         yield Line(f"{label} {shortest_entry}")
@@ -113,6 +118,7 @@ def _legend(derivation: Derivation) -> Aligned:
 
 
 def _equations(step: Step) -> Aligned:
+    """Equations of a step, below its heading and remark."""
     notation = Text()
     rows = []
     for label, expr in step.lines:
@@ -121,19 +127,21 @@ def _equations(step: Step) -> Aligned:
 
 
 def _check(derivation: Derivation, level: Level) -> Iterator[Block]:
+    """Text of the comparison with the kernels, if there is one."""
     if derivation.check is not None:
         yield Aligned(str(derivation.check), (), wrap, level=level)
 
 
 def _step_table(derivation: Derivation, level: Level) -> Table:
     """Number of entries and terms of each step, and its longest entry."""
-    notation, steps = Text(), derivation.steps
+    notation = Text()
+    steps = derivation.steps
     term_counts, longest_entries = [], []
     for step in steps:
-        entry_counts = [_term_count(expr) for _, expr in step.lines]
-        longest = entry_counts.index(max(entry_counts))
-        label, _ = step.lines[longest]
-        term_counts.append(sum(entry_counts))
+        terms_of_entries = [_term_count(expr) for _, expr in step.lines]
+        longest_index = terms_of_entries.index(max(terms_of_entries))
+        label, _ = step.lines[longest_index]
+        term_counts.append(sum(terms_of_entries))
         longest_entries.append(label.write(notation))
     return Table(
         "Steps",
@@ -148,4 +156,4 @@ def _step_table(derivation: Derivation, level: Level) -> Table:
 def _term_count(expr: Any) -> int:
     """Number of terms of a sum, or of all entries of a column."""
     entries = list(expr) if hasattr(expr, "shape") else [expr]
-    return sum(map(len, map(sympy.Add.make_args, entries)))
+    return sum(len(sympy.Add.make_args(entry)) for entry in entries)

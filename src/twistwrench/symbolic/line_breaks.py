@@ -11,10 +11,12 @@ from collections.abc import Callable
 from itertools import accumulate, pairwise
 
 LINE_SYMBOLS = 88
-"""Symbols per line of LaTeX, about 5 points each: the text width of A4 with margins of 20 mm."""
+"""Number of symbols in a line of LaTeX, about 5 points each: the text width of A4 with margins of 20 mm."""
 
 _MIN_BREAK_SHARE = 0.35
-"""Least length of a line that ends at a preferred break, as a share of the width; breaks before are used only if needed."""
+"""Least length of a line that ends at a preferred break, as a share of the width; shorter lines are made only if needed."""
+_MAX_FUNCTION_LENGTH = 24
+"""Largest number of characters of a function's name before its bracket."""
 
 
 def break_lines(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
@@ -22,26 +24,28 @@ def break_lines(text: str, width: float, measure: Callable[[str], float]) -> lis
     breaks = _possible_breaks(text)
     depths = [depth for _, depth in breaks]
     # The text is cut at its begin, at all breaks, and at its end; cut k is break k - 1.
-    cuts = [0, *(position for position, _ in breaks), len(text)]
+    cuts = [0, *(position for position, _ in breaks), len(text)]  # positions in the text
     widths_to_cuts = [0.0, *accumulate(measure(text[begin:end]) for begin, end in pairwise(cuts))]
-    lines, begin = [], 0  # first cut of the line
-    while widths_to_cuts[-1] - widths_to_cuts[begin] > width and begin < len(breaks):
-        max_width = widths_to_cuts[begin] + width
+    lines = []
+    first_cut = 0  # of the line
+    while widths_to_cuts[-1] - widths_to_cuts[first_cut] > width and first_cut < len(breaks):
+        max_width = widths_to_cuts[first_cut] + width
         stop = min(bisect_right(widths_to_cuts, max_width), len(breaks) + 1)  # first cut beyond the line
-        end = max(begin + 1, stop - 1)
+        last_cut = max(first_cut + 1, stop - 1)
         min_width = _MIN_BREAK_SHARE * width
-        preferred = [k for k in range(begin + 1, stop) if widths_to_cuts[k] - widths_to_cuts[begin] >= min_width]
-        if preferred:  # fewest open brackets, then the longest line
-            end = min(preferred, key=lambda k: (depths[k - 1], -k))
-        lines.append(text[cuts[begin] : cuts[end]].strip())
-        begin = end
-    return [*lines, text[cuts[begin] :].strip()]
+        widths = [widths_to_cuts[k] - widths_to_cuts[first_cut] for k in range(stop)]
+        preferred_cuts = [k for k in range(first_cut + 1, stop) if widths[k] >= min_width]
+        if preferred_cuts:  # fewest open brackets, then the longest line
+            last_cut = min(preferred_cuts, key=lambda k: (depths[k - 1], -k))
+        lines.append(text[cuts[first_cut] : cuts[last_cut]].strip())
+        first_cut = last_cut
+    return [*lines, text[cuts[first_cut] :].strip()]
 
 
 def _possible_breaks(text: str) -> list[tuple[int, int]]:
-    """Positions of possible line breaks, before plus and minus, with the number of open brackets."""
+    """Positions of possible line breaks, before plus and minus, each with the number of open brackets."""
     breaks = []
-    open_brackets: list[bool] = []  # True for brackets of a function's argument
+    open_brackets: list[bool] = []  # True for the bracket of a function's argument
     open_braces = 0
     for k, character in enumerate(text):
         if character == "{":
@@ -49,8 +53,10 @@ def _possible_breaks(text: str) -> list[tuple[int, int]]:
         elif character == "}":
             open_braces -= 1
         elif character == "(":
-            before = text[max(0, k - 24) : k]
-            function = re.search(r"(\\?[a-z]{3,}[⁰¹²³⁴-⁹]*|\\[a-z]+\^\{\d+\})$", before)  # such as sin² or \sin^{2}
+            text_before = text[max(0, k - _MAX_FUNCTION_LENGTH) : k]
+            function = re.search(
+                r"(\\?[a-z]{3,}[⁰¹²³⁴-⁹]*|\\[a-z]+\^\{\d+\})$", text_before
+            )  # such as sin² or \sin^{2}
             open_brackets.append(function is not None)
         elif character == ")" and open_brackets:
             open_brackets.pop()

@@ -21,10 +21,11 @@ from ..core.typing import Array
 Basis = tuple[str, tuple[Any, ...]]
 """Cosine or sine of a sum of angles: ``("cos" | "sin", multiple of each angle)``.
 
-The first non-zero multiple is positive. The constant 1 is cos 0, the base number 0.
+The first non-zero multiple is positive. The constant 1 is cos 0, which has the base number 0.
 """
 
 _BITS = 8
+"""Bits of an exponent in a monomial."""
 _MASK = (1 << _BITS) - 1
 HIGHEST = _MASK
 """Largest exponent in a monomial; a larger one would overflow into the next symbol."""
@@ -38,14 +39,20 @@ class Ring:
     """
 
     def __init__(self, symbols: Sequence[str], angles: Sequence[str], *, exact: bool = False) -> None:
-        self.symbols, self.angles, self.exact = tuple(symbols), tuple(angles), exact
+        self.symbols = tuple(symbols)
+        self.angles = tuple(angles)
+        self.exact = exact
         self.place = {name: k for k, name in enumerate(self.symbols)}
-        self._angle_place = {name: k for k, name in enumerate(self.angles)}
+        """Index of each symbol, and of its exponent in a monomial."""
+        self._angle_index = {name: k for k, name in enumerate(self.angles)}
         zero_multiples: tuple[Any, ...] = (0,) * len(self.angles)
         self.bases: list[Basis] = [("cos", zero_multiples)]
+        """Sines and cosines by their base number."""
         self._base_numbers: dict[Basis, int] = {self.bases[0]: 0}
-        self._products: dict[tuple[int, int], tuple[tuple[int, int], ...]] = {}  # of two base numbers, see product()
-        self._derivatives: dict[tuple[int, int], tuple[int, Any]] = {}  # by base and angle, see base_derivative()
+        self._products: dict[tuple[int, int], tuple[tuple[int, int], ...]] = {}  # by two base numbers, see product()
+        self._derivatives: dict[
+            tuple[int, int], tuple[int, Any]
+        ] = {}  # by base number and angle, see base_derivative()
 
     # ── constructors ──
 
@@ -70,6 +77,7 @@ class Ring:
         return TrigPolynomial(self, {(0, self._base_number(basis)): self._coefficient(sign)})
 
     def _coefficient(self, value: Any) -> Any:
+        """Number in the type of the ring's coefficients."""
         return Fraction(value) if self.exact else float(value)
 
     # ── monomials ──
@@ -94,6 +102,7 @@ class Ring:
     # ── sines and cosines ──
 
     def _base_number(self, basis: Basis) -> int:
+        """Number of a sine or cosine; a new one gets the next number."""
         number = self._base_numbers.get(basis)
         if number is None:
             number = self._base_numbers[basis] = len(self.bases)
@@ -101,7 +110,7 @@ class Ring:
         return number
 
     def product(self, a: int, b: int) -> tuple[tuple[int, int], ...]:
-        """Twice the product of two bases, as (base, sign) pairs. Bases are numbers."""
+        """Twice the product of the bases with the numbers a and b, as pairs (base number, sign)."""
         terms = self._products.get((a, b))
         if terms is None:
             terms = tuple(self._expand_product(a, b))
@@ -109,8 +118,11 @@ class Ring:
         return terms
 
     def _expand_product(self, a: int, b: int) -> Iterable[tuple[int, int]]:
-        (kind_a, f), (kind_b, g) = self.bases[a], self.bases[b]
-        plus, minus = tuple(map(operator.add, f, g)), tuple(map(operator.sub, f, g))
+        """Pairs of :meth:`product`, computed anew."""
+        kind_a, f = self.bases[a]
+        kind_b, g = self.bases[b]
+        plus = tuple(map(operator.add, f, g))
+        minus = tuple(map(operator.sub, f, g))
         # cos⁺ = cos(f + g), cos⁻ = cos(f - g), and sines likewise
         if kind_a == kind_b == "cos":  # 2 cos f cos g = cos⁻ + cos⁺
             waves = [("cos", minus, 1), ("cos", plus, 1)]
@@ -126,13 +138,14 @@ class Ring:
                 yield self._base_number(basis), basis_sign * sign
 
     def base_derivative(self, base: int, angle: int) -> tuple[int, Any]:
-        """d(base)/d(angle) as (base, factor)."""
+        """Derivative of a base by an angle, as (base number, factor); ``base`` and ``angle`` are numbers."""
         derivative = self._derivatives.get((base, angle))
         if derivative is None:
             derivative = self._derivatives[base, angle] = self._differentiate(base, angle)
         return derivative
 
     def _differentiate(self, base: int, angle: int) -> tuple[int, Any]:
+        """Pair of :meth:`base_derivative`, computed anew."""
         kind, multiples = self.bases[base]
         factor = multiples[angle]
         if not factor:
@@ -143,7 +156,7 @@ class Ring:
 
 
 def _canonical(kind: str, multiples: tuple[Any, ...]) -> tuple[Basis, int]:
-    """Basis whose first non-zero multiple is positive, and its factor: -1 if the sine changed its sign, 0 for sin 0, else 1."""
+    """Basis whose first non-zero multiple is positive, and its factor: -1 for a sine of the opposite, 0 for sin 0, else 1."""
     first_nonzero = next((multiple for multiple in multiples if multiple), 0)
     if first_nonzero < 0:
         opposite = tuple(map(operator.neg, multiples))
@@ -159,7 +172,8 @@ class TrigPolynomial:
     __slots__ = ("ring", "terms")
 
     def __init__(self, ring: Ring, terms: dict[tuple[int, int], Any]) -> None:
-        self.ring, self.terms = ring, terms
+        self.ring = ring
+        self.terms = terms
 
     def __repr__(self) -> str:
         return f"<TrigPolynomial of {len(self.terms)} terms>"
@@ -176,8 +190,8 @@ class TrigPolynomial:
                 return self
             other = self.ring.number(other)
         longer, shorter = self.terms, other.terms
-        if len(shorter) > len(longer):
-            longer, shorter = shorter, longer
+        if len(longer) < len(shorter):
+            longer, shorter = other.terms, self.terms
         terms = dict(longer)
         for key, coefficient in shorter.items():
             total = terms.get(key, 0) + coefficient
@@ -213,19 +227,19 @@ class TrigPolynomial:
                     key = (monomial, a or b)
                     terms[key] = terms.get(key, 0) + x * y
                     continue
-                half = x * y / 2
+                half_product = x * y / 2
                 for base, sign in ring.product(a, b):
                     key = (monomial, base)
-                    terms[key] = terms.get(key, 0) + (half if sign > 0 else -half)
+                    terms[key] = terms.get(key, 0) + (half_product if sign > 0 else -half_product)
         return TrigPolynomial(ring, {key: value for key, value in terms.items() if value})
 
     __rmul__ = __mul__
 
     def diff(self, name: str) -> TrigPolynomial:
-        """Derivative with respect to a symbol, including sines and cosines of an angle."""
+        """Derivative with respect to a symbol, including sines and cosines if the symbol is an angle."""
         ring = self.ring
-        shift = _BITS * ring.place[name]
-        angle = ring._angle_place.get(name)
+        shift = _BITS * ring.place[name]  # of the symbol's exponent in a monomial
+        angle = ring._angle_index.get(name)
         terms: dict[tuple[int, int], Any] = {}
         for (monomial, base), value in self.terms.items():
             power = (monomial >> shift) & _MASK
@@ -240,8 +254,8 @@ class TrigPolynomial:
         return TrigPolynomial(ring, {key: value for key, value in terms.items() if value})
 
     def split(self, names: Sequence[str]) -> dict[int, TrigPolynomial]:
-        """Coefficients of the monomials in some of the symbols, as sums in the other symbols, by monomial."""
-        mask = 0
+        """Coefficient of each monomial in the named symbols: a sum in the other symbols, by monomial."""
+        mask = 0  # bits of the exponents of the named symbols
         for name in names:
             mask |= _MASK << (_BITS * self.ring.place[name])
         terms_by_monomial: dict[int, dict[tuple[int, int], Any]] = {}
@@ -251,8 +265,9 @@ class TrigPolynomial:
         return {monomial: TrigPolynomial(self.ring, terms) for monomial, terms in terms_by_monomial.items()}
 
     def without_dust(self, share: float) -> TrigPolynomial:
-        """Sum without terms below a share of its largest term, which are rounding errors of cancelled terms."""
-        threshold = share * max(map(abs, self.terms.values()), default=0.0)
+        """Sum without terms up to a share of its largest term, which are rounding errors of cancelled terms."""
+        largest_coefficient = max(map(abs, self.terms.values()), default=0.0)
+        threshold = share * largest_coefficient
         return TrigPolynomial(self.ring, {key: value for key, value in self.terms.items() if abs(value) > threshold})
 
 
@@ -264,7 +279,7 @@ Waves = tuple[tuple[Basis, int], ...]
 Powers = tuple[tuple[int, int], ...]
 """Powers of the cosine and of the sine of each angle."""
 
-# Products are sought only for small sums, since the number of products grows with all three.
+# Products are sought only for small sums, since the number of products grows with these three.
 _MAX_TERMS = 40
 _MAX_ANGLES = 4
 _MAX_MULTIPLE = 4
@@ -272,9 +287,9 @@ _MAX_MULTIPLE = 4
 
 
 class ShortestForms:
-    """Shortest form of each coefficient of symbols, cached.
+    """Shortest forms of sums of sines and cosines, cached.
 
-    Each of ``families`` is a set of angles allowed in products: a matrix whose rows are integer multiples of joint angles.
+    Each of ``families`` is a set of angles that products may contain: a matrix whose rows are multiples of the joint angles.
     """
 
     def __init__(self, families: list[Array]) -> None:
@@ -285,7 +300,8 @@ class ShortestForms:
         """Sum of cosines and sines, unchanged or as products if those are shorter."""
         unchanged: dict[Waves, Any] = {_waves_of({basis: 1}): coefficient for basis, coefficient in terms.items()}
         all_multiples = [multiple for _, multiples in terms for multiple in multiples]
-        if len(terms) > _MAX_TERMS or not all(isinstance(multiple, int) for multiple in all_multiples):
+        are_integers = all(isinstance(multiple, int) for multiple in all_multiples)
+        if len(terms) > _MAX_TERMS or not are_integers:
             return unchanged
         if len(terms) == 1 and max(map(abs, all_multiples), default=0) <= 1:
             return unchanged
@@ -312,7 +328,7 @@ def _length(form: dict[Waves, Any]) -> tuple[int, int, int, int]:
 
 
 def _waves_of(powers: Mapping[Basis, int]) -> Waves:
-    """Product of powers, without those that equal 1: powers with exponent zero, and powers of cos 0."""
+    """Product of powers without factors 1, which are powers with exponent zero and powers of cos 0."""
     waves = []
     for (kind, multiples), power in powers.items():
         if power and any(multiples):
@@ -323,26 +339,26 @@ def _waves_of(powers: Mapping[Basis, int]) -> Waves:
 def _products(terms: dict[Basis, Any], family: Array) -> Iterable[dict[Waves, Any]]:
     """Sum as polynomials in the cosines and sines of the angles in the rows of ``family``.
 
-    There is a polynomial for each choice, angle by angle, of the squares that remain: those of the cosine or of the sine.
+    For each angle, either squares of its cosine or squares of its sine remain. There is a polynomial for each such choice.
     """
     polynomial = _angle_polynomial(terms, family)
     if polynomial is None:
         return
     exponents = np.array(list(polynomial), int).reshape(-1, len(family), 2)
-    involved = np.flatnonzero(exponents.any(axis=(0, 2))).tolist()
-    if len(involved) > _MAX_ANGLES:
+    angle_indices = np.flatnonzero(exponents.any(axis=(0, 2))).tolist()  # of angles that occur
+    if len(angle_indices) > _MAX_ANGLES:
         return
     angles = list(map(tuple, family.tolist()))
-    for remaining_squares in product((0, 1), repeat=len(involved)):  # squares of cosines (0) or sines (1)
+    for remaining_squares in product((0, 1), repeat=len(angle_indices)):  # squares of cosines (0) or sines (1)
         form = dict(polynomial)
-        for j, square in zip(involved, remaining_squares, strict=True):
+        for j, square in zip(angle_indices, remaining_squares, strict=True):
             form = _reduce_squares(form, j, square)
         rounding_error = 1e-14 * max(map(abs, form.values()), default=0)
         waves_form = {}
         for powers, coefficient in form.items():
             if abs(coefficient) > rounding_error:
                 wave_powers = {}
-                for j in involved:
+                for j in angle_indices:
                     cosine_power, sine_power = powers[j]
                     wave_powers["cos", angles[j]] = cosine_power
                     wave_powers["sin", angles[j]] = sine_power
@@ -358,28 +374,25 @@ def _angle_polynomial(terms: dict[Basis, Any], family: Array) -> dict[Powers, An
         multiples = np.array(f, int) @ inverse
         if np.abs(multiples).max(initial=0) > _MAX_MULTIPLE:
             return None
-        # The cosine is the real part of the exponential, the sine its imaginary part.
-        for powers, (real, imaginary) in _expand_exponential(tuple(map(int, multiples))).items():
-            coefficient = real if kind == "cos" else imaginary
+        exponential = _expand_exponential(tuple(map(int, multiples)))
+        for powers, (real, imaginary) in exponential.items():
+            coefficient = real if kind == "cos" else imaginary  # cos x = Re exp(i x), sin x = Im exp(i x)
             if coefficient:
                 polynomial[powers] += coefficient * value
     return polynomial
 
 
 def _expand_exponential(multiples: tuple[int, ...]) -> dict[Powers, tuple[int, int]]:
-    """exp(i Σ g_j ψ_j) = Π (cos ψ_j ± i sin ψ_j)^|g_j| of the multiples g.
-
-    The result maps the powers of cosines and sines to the real and imaginary part of their coefficient.
-    """
+    """exp(i Σ g_j ψ_j) = Π (cos ψ_j ± i sin ψ_j)^|g_j| for multiples g: real and imaginary parts of coefficients, by powers."""
     total: dict[Powers, complex] = {((0, 0),) * len(multiples): 1}
     for j, multiple in enumerate(multiples):
         sine_factor = 1j if multiple > 0 else -1j
         for _ in range(abs(multiple)):
             expanded: dict[Powers, complex] = defaultdict(complex)
             for powers, c in total.items():
-                cosines, sines = powers[j]
-                expanded[*powers[:j], (cosines + 1, sines), *powers[j + 1 :]] += c
-                expanded[*powers[:j], (cosines, sines + 1), *powers[j + 1 :]] += c * sine_factor
+                cosine_power, sine_power = powers[j]
+                expanded[*powers[:j], (cosine_power + 1, sine_power), *powers[j + 1 :]] += c
+                expanded[*powers[:j], (cosine_power, sine_power + 1), *powers[j + 1 :]] += c * sine_factor
             total = expanded
     return {powers: (round(c.real), round(c.imag)) for powers, c in total.items()}
 
@@ -388,16 +401,16 @@ def _reduce_squares(form: Mapping[Any, Any], j: int, square: int) -> dict[Any, A
     """Replace sin² = 1 - cos² (square 0) or cos² = 1 - sin² (square 1) of angle j until none is left."""
     remaining = dict(form)
     reduced: dict[Any, Any] = defaultdict(int)
-    kept, replaced = square, 1 - square  # indices into the powers (of the cosine, of the sine)
+    remaining_wave, replaced_wave = square, 1 - square  # indices into the powers: 0 of the cosine, 1 of the sine
     while remaining:
         powers, coefficient = remaining.popitem()
-        if powers[j][replaced] < 2:
+        if powers[j][replaced_wave] < 2:
             reduced[powers] += coefficient
             continue
-        times_one, times_square = list(powers[j]), list(powers[j])
-        times_one[replaced] -= 2
-        times_square[replaced] -= 2
-        times_square[kept] += 2
+        times_one = list(powers[j])  # powers of the angle after the square is replaced by 1
+        times_one[replaced_wave] -= 2
+        times_square = list(times_one)  # and by the other square
+        times_square[remaining_wave] += 2
         for angle_powers, sign in ((times_one, 1), (times_square, -1)):
             key = (*powers[:j], tuple(angle_powers), *powers[j + 1 :])
             remaining[key] = remaining.get(key, 0) + sign * coefficient

@@ -22,8 +22,8 @@ def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = No
 
     Notes
     -----
-    The norm is used because an entry near zero is the difference of large terms and has their rounding error. Entries
-    that are not finite in both arrays make the gap infinite or NaN, so ``gap <= tolerance`` is false.
+    The norm is used because an entry near zero may be the difference of large terms, with the rounding error of these terms.
+    An entry that is not finite, in one array or both, makes the gap infinite or NaN, so ``gap <= tolerance`` is false.
 
     Examples
     --------
@@ -69,17 +69,20 @@ def assert_close(
     """
     a = np.asarray(actual, float)
     b = np.asarray(desired, float)
-    name = what or "the arrays"
+    name = what or "the arrays"  # in the message
     if a.shape != b.shape:
         raise AssertionError(f"{name}: actual has shape {a.shape}, desired {b.shape}.")
     gap = relative_gap(a, b, scale)
     if gap <= rtol:
         return
-    size, size_name = scale, "the scale"
+    size = scale
+    size_name = "the scale"
     if size is None:
-        size, size_name = float(np.abs(b).max()), "the largest entry"
+        size = float(np.abs(b).max())
+        size_name = "the largest entry"
     differences = np.where(np.isfinite(a - b), np.abs(a - b), np.inf)
-    worst = tuple(int(i) for i in np.unravel_index(int(np.argmax(differences)), a.shape))
+    worst_flat_index = int(np.argmax(differences))
+    worst = tuple(int(i) for i in np.unravel_index(worst_flat_index, a.shape))
     raise AssertionError(
         f"{name}: off by {printed(gap, 3)} of {size_name}, {printed(size)}; allowed {printed(rtol)}.\n"
         f"Worst at {worst}: actual {a[worst]}, desired {b[worst]}. "

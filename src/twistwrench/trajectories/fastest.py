@@ -49,6 +49,24 @@ _SLOPE_STEP = 1e-7
 """Step [of s] over which slopes of the limit curve are compared with accelerations."""
 _MIN_LEAVING_LENGTH = 1e-3
 """Step [of s] of the test for leaving the limit curve; within it a violation exceeds the tolerance."""
+_TEST_POINTS = 2001
+"""Number of points along the path at which limit curves and speeds are tested."""
+_MANY_TEST_POINTS = 40_001
+"""Number of these points in a second attempt."""
+_ARC_POINTS = 9
+"""Number of points of a piece that are compared with an arc."""
+_MAX_RATIO_TO_ARC = 1 + 1e-10
+"""Largest ratio of x to its arc at which it counts as below the arc."""
+_MIN_RATIO_AT_ARC = 1 - 1e-8
+"""Smallest ratio of x to an arc at which the arc is reached."""
+_LENGTH_ACCURACY = 1e-11
+"""Relative accuracy of the length at which the active limit changes."""
+_MIN_LENGTH_DIFFERENCE = 1e-15
+"""Smallest difference [of s] of two lengths."""
+_HINT_RATIO = 4.0
+"""Ratio of the first length that is tried to the length of the previous piece."""
+_MIN_ROUGH_PIECE = 1e-5 * _MIN_PIECE
+"""Smallest length [of s] of a piece if longer ones lack accuracy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +88,10 @@ class Arc:
     def at(self, s: Array) -> Array:
         """x at s within the arc."""
         edges = np.array([cell.low for cell in self.cells[1:]])
-        cell_numbers = np.searchsorted(edges, s, side="right")
+        cell_indices = np.searchsorted(edges, s, side="right")
         x = np.zeros(len(s))
-        for k in np.unique(cell_numbers):
-            in_cell = cell_numbers == k
+        for k in np.unique(cell_indices):
+            in_cell = cell_indices == k
             x[in_cell] = self.cells[k].at(s[in_cell])
         return x
 
@@ -87,44 +105,47 @@ def _advance(
 ) -> Cell:
     """Longest piece from (s, x) towards ``target``; ends exactly where the active limit changes.
 
-    ``caps`` allows pieces along a cap of x. The piece stays ``below`` an arc; ``hint`` is the first length to try.
+    ``way`` is 1 or -1. ``caps`` allows pieces along a cap of x. The piece stays ``below`` an arc, if there is one. ``hint`` is
+    the first length to try. Raises _Stuck if there is no piece.
     """
 
     def try_length(h: float) -> tuple[Cell | None, bool]:
-        """Piece of length h, and True if there is none for lack of accuracy only."""
-        cell, rough = try_cell(rows, s, x, h, way, along_caps=caps)
+        """Piece of length h, or None; and True if there is none for lack of accuracy only."""
+        cell, lacks_accuracy = try_cell(rows, s, x, h, way, along_caps=caps)
         if cell is not None and below is not None:
-            points = np.linspace(cell.low, cell.high, 9)[1:]
-            if (cell.at(points) > below.at(points) * (1 + 1e-10)).any():
+            points = np.linspace(cell.low, cell.high, _ARC_POINTS)[1:]
+            if (cell.at(points) > below.at(points) * _MAX_RATIO_TO_ARC).any():
                 return None, False
-        return cell, rough
+        return cell, lacks_accuracy
 
     h = min(abs(target - s), hint)
-    longest, rough = try_length(h)
+    longest, lacks_accuracy = try_length(h)
     if longest is not None:
         return longest
     while longest is None:
-        too_long, was_rough = h, rough
+        too_long = h
+        too_long_lacks_accuracy = lacks_accuracy
         h *= 0.5
-        min_length = 1e-5 * _MIN_PIECE if rough else _MIN_PIECE
+        min_length = _MIN_ROUGH_PIECE if lacks_accuracy else _MIN_PIECE
         if h < min_length:
             raise _Stuck
-        longest, rough = try_length(h)
-    if was_rough:  # the longer piece lacked accuracy; the active limit need not change there
+        longest, lacks_accuracy = try_length(h)
+    if too_long_lacks_accuracy:  # then the active limit need not change between the two lengths
         return longest
-    while too_long - h > 1e-11 * too_long and too_long - h > 1e-15:  # locate the change of the active limit
+    while too_long - h > _LENGTH_ACCURACY * too_long and too_long - h > _MIN_LENGTH_DIFFERENCE:  # bisection
         middle = 0.5 * (h + too_long)
-        cell, rough = try_length(middle)
-        if cell is None:
-            too_long = middle
-            if rough:
-                break
-        else:
-            longest, h = cell, middle
+        cell, lacks_accuracy = try_length(middle)
+        if cell is not None:
+            longest = cell
+            h = middle
+            continue
+        too_long = middle
+        if lacks_accuracy:
+            break
     return longest
 
 
-def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
+def backward(rows: PathRows, count: int = _TEST_POINTS) -> list[Arc]:
     """Arcs of the viability curve, ascending in s; between arcs the limit curve applies, tested at ``count`` points."""
     arcs: list[Arc] = []
     breaks = rows.breaks
@@ -142,7 +163,7 @@ def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
             while s > 0:
                 target = float(breaks[np.searchsorted(breaks, s, side="left") - 1])
                 cell = _advance(rows, s, x, -1, target, caps=False, below=None, hint=hint)
-                hint = max(4.0 * (cell.high - cell.low), _MIN_PIECE)
+                hint = max(_HINT_RATIO * (cell.high - cell.low), _MIN_PIECE)
                 cells.append(cell)
                 s, x = cell.low, float(cell.x[0])
                 if len(cells) > _MAX_PIECES:
@@ -160,7 +181,8 @@ def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
 def _limit_curve_falls(rows: PathRows, s: Array) -> Array:
     """True if the limit curve just before s (m,) falls faster than x can by the least acceleration; False at breaks."""
     rows_before = rows.at(s - _SLOPE_STEP)
-    x, x_before = rows.cap_of(rows.at(s)).x, rows.cap_of(rows_before).x
+    x = rows.cap_of(rows.at(s)).x
+    x_before = rows.cap_of(rows_before).x
     least_acceleration = rows.accelerations(rows_before, np.where(np.isfinite(x_before), x_before, 0.0))[0]
     with np.errstate(invalid="ignore"):
         falls = 2.0 * least_acceleration * _SLOPE_STEP > (x - x_before)  # dx/ds = 2 u
@@ -186,9 +208,9 @@ def _leaves(rows: PathRows, s: float) -> bool:
 
 
 def _next_leaving_point(rows: PathRows, s: float, points: Array, falls: Array) -> float:
-    """First s below the given one at which the viability curve leaves the limit curve; 0 if there is none.
+    """Next s below the given one at which the viability curve leaves the limit curve; 0 if there is none.
 
-    ``falls`` are those of the ``points`` at which the limit curve falls too fast; the exact place is found by bisection.
+    ``falls`` are those ``points`` at which the limit curve falls too fast; the exact place is found by bisection.
     """
     edges = np.concatenate([points, rows.breaks, [s]])
     candidates = np.unique(np.concatenate([falls, rows.breaks]))
@@ -197,8 +219,9 @@ def _next_leaving_point(rows: PathRows, s: float, points: Array, falls: Array) -
             if _leaves(rows, float(candidate)):
                 return float(candidate)
             continue
-        falling, not_falling = float(candidate), float(edges[edges > candidate].min())
-        for _ in range(40):
+        falling = float(candidate)
+        not_falling = float(edges[edges > candidate].min())
+        for _ in range(40):  # bisection
             middle = 0.5 * (not_falling + falling)
             if not_falling - falling < 1e-13:
                 break
@@ -219,8 +242,9 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
         if len(cells) > _MAX_PIECES:
             raise _search_error(s)
         arc = next((arc for arc in arcs if arc.low <= s < arc.high), None)
-        if arc is not None and s > 0 and x >= float(arc.at(np.array([s]))[0]) * (1 - 1e-8):  # the arc is reached
-            remaining_cells = [cell for cell in arc.cells if cell.high > s + 1e-15]
+        reaches_arc = arc is not None and s > 0 and x >= float(arc.at(np.array([s]))[0]) * _MIN_RATIO_AT_ARC
+        if arc is not None and reaches_arc:
+            remaining_cells = [cell for cell in arc.cells if cell.high > s + _MIN_LENGTH_DIFFERENCE]
             cells += [cell if cell.low >= s else cell.since(s) for cell in remaining_cells]
             s, x = arc.high, float(cells[-1].x.sum())
             continue
@@ -230,12 +254,13 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
         except _Stuck:
             raise _search_error(s) from None
         cells.append(cell)
-        hint = max(4.0 * (cell.high - cell.low), _MIN_PIECE)
+        hint = max(_HINT_RATIO * (cell.high - cell.low), _MIN_PIECE)
         s, x = cell.high, float(cell.x.sum())
     return cells
 
 
 def _search_error(s: float) -> PathError:
+    """Error for a search that cannot go on beyond s."""
     return PathError(
         f"no fastest timing was found beyond s = {printed(s)}: the search failed to follow the limits there. A path "
         "with fewer corners, or more similar limits of the joints, may help; a trapezoidal scaling always exists.",
@@ -246,10 +271,13 @@ def _search_error(s: float) -> PathError:
 # ── Fastest timing of a path. Modern Robotics section 9.4
 
 _MIN_SPEED_UP_LENGTH = 1e-6
-"""Share of the path; torque and acceleration limits count as at most those that reach the velocity limit within it."""
+"""Shortest share of the path to speed up to the velocity limits; torque and acceleration limits that allow less are reduced."""
 _MARGIN = 4e-8
-"""Margin kept to each limit, as a share, that covers the deviations of the pieces in both passes."""
+"""Distance kept from each limit, as a share of the limit, which covers the deviations of the pieces in both passes."""
 _KINDS = ("velocity", "acceleration", "deceleration", "effort", "jerk")
+"""Kinds of limits from which the margin is kept."""
+_MIN_SPEED_RATIO = 1e-7
+"""Ratio of the least |dq/ds| to the largest below which a path stands still."""
 
 
 @dataclass(frozen=True)
@@ -302,7 +330,9 @@ class Fastest(Trajectory):
     @property
     def slower(self) -> float:
         """Relative increase of the duration by jerk limits; 0 if jerk is not limited."""
-        return 0.0 if self.time_optimal is None else self.duration / self.time_optimal.duration - 1.0
+        if self.time_optimal is None:
+            return 0.0
+        return self.duration / self.time_optimal.duration - 1.0
 
     @property
     def price_of_jerk(self) -> str:
@@ -318,25 +348,27 @@ class Fastest(Trajectory):
         times, cells = self.scaling.times, self.scaling.cells  # type: ignore[attr-defined]
         contacts: list[LimitContact] = []
         for k, cell in enumerate(cells):
-            side, kind, j = cell.side, cell.active.kind, cell.active.joint
+            side = cell.side
+            kind = cell.active.kind
+            j = cell.active.joint
             names = model.drive_labels if kind == "torque" else model.velocity_names
             middle = np.array([0.5 * (cell.low + cell.high)])
-            dq_ds = self.path(middle)[1]
+            _, dq_ds, _ = self.path(middle)
             direction = int(np.sign(dq_ds[0, j]))
             if kind == "velocity":
                 side = direction
             elif kind == "acceleration" and self.bounds.acceleration[j] != self.bounds.deceleration[j]:
                 side *= direction  # such limits hold for speeding up and slowing down, whatever the direction
             contact = LimitContact(float(times[k]), float(times[k + 1]), names[j], kind, side, cell.low)
-            last = contacts[-1] if contacts else None
-            if last is not None and (last.joint, last.kind, last.side) == (contact.joint, kind, side):
-                contacts[-1] = replace(last, end=contact.end)
+            previous = contacts[-1] if contacts else None
+            if previous is not None and (previous.joint, previous.kind, previous.side) == (contact.joint, kind, side):
+                contacts[-1] = replace(previous, end=contact.end)
             else:
                 contacts.append(contact)
         return tuple(contacts)
 
     def shares(self, t: ArrayLike) -> Array:
-        """Share of the most used limit: at most 1, and 1 if the limit is active. With jerk limits it may stay below 1.
+        """Share of the most used limit: at most 1, and 1 if a limit is active. With jerk limits it may stay below 1.
 
         Returns
         -------
@@ -393,16 +425,16 @@ class Fastest(Trajectory):
     def __str__(self) -> str:
         own_kinds = []
         for kind in ("acceleration", "jerk"):
-            own = getattr(self.robot.limits, kind)
-            if np.isfinite(own).any() and np.array_equal(own, getattr(self.bounds, kind)):
+            robot_limits = getattr(self.robot.limits, kind)
+            if np.isfinite(robot_limits).any() and np.array_equal(robot_limits, getattr(self.bounds, kind)):
                 own_kinds.append(kind)
         contacts = self.limit_contacts
-        limits = ", ".join(dict.fromkeys(f"{contact.joint} ({contact.kind})" for contact in contacts))
-        how = f"limited by {limits} in {len(contacts)} parts"
+        active_limits = ", ".join(dict.fromkeys(f"{contact.joint} ({contact.kind})" for contact in contacts))
+        limits_text = f"limited by {active_limits} in {len(contacts)} parts"
         if self.time_optimal is not None:
-            how = self.price_of_jerk
-        own_limits = f"; limits of {' and '.join(own_kinds)} are the robot's own" if own_kinds else ""
-        return f"{number(self.duration, 6)} s, {how}{own_limits}"
+            limits_text = self.price_of_jerk
+        own_limits_text = f"; limits of {' and '.join(own_kinds)} are the robot's own" if own_kinds else ""
+        return f"{number(self.duration, 6)} s, {limits_text}{own_limits_text}"
 
 
 def fastest(
@@ -470,45 +502,47 @@ def fastest(
     )  # fmt: skip
     if robot.nv == 0:
         raise ValueRangeError(f"robot {robot.name!r} has no joint that moves. Lock fewer joints.")
-    s = np.linspace(0.0, 1.0, 2001)
-    path_speed = np.abs(path(s)[1]).max(axis=-1)  # largest |dq/ds|
-    if path_speed.min() < 1e-7 * path_speed.max():
+    s = np.linspace(0.0, 1.0, _TEST_POINTS)
+    q, dq_ds, _ = path(s)
+    path_speeds = np.abs(dq_ds).max(axis=-1)  # of the fastest joint
+    if path_speeds.min() < _MIN_SPEED_RATIO * path_speeds.max():
         raise ValueRangeError(
-            f"the path stands still at s = {number(s[int(path_speed.argmin())])}, so that ds/dt does not determine the joint "
+            f"the path stands still at s = {number(s[int(path_speeds.argmin())])}, so that ds/dt does not determine the joint "
             "velocities there. Use a path with non-zero dq/ds: a spline without times, or each part separately."
         )
     margin = _MARGIN
     if friction and np.any(robot.model.friction.viscous):
         margin += AT_REST
-    reduced = {kind: getattr(bounds, kind) * (1.0 - margin) for kind in _KINDS}
-    kept = replace(bounds, **reduced)
-    quick = _time_optimal(robot, path, bounds, kept, friction=friction)
-    exceeded = [
+    reduced_limits = {kind: getattr(bounds, kind) * (1.0 - margin) for kind in _KINDS}
+    reduced_bounds = replace(bounds, **reduced_limits)
+    quick = _time_optimal(robot, path, bounds, reduced_bounds, friction=friction)
+    violations = [
         f"{v.joint} reaches {number(v.value, 5)} beyond {number(v.limit, 5)} at s = {number(v.time)}"
-        for v in positions_passed(robot, s, path(s)[0], bounds)
+        for v in positions_passed(robot, s, q, bounds)
     ]
-    if exceeded:
+    if violations:
         warnings.warn(
-            f"the path exceeds position limits of {robot.name!r}: {listed(exceeded, 4, '; ')}. This does not depend on the "
+            f"the path exceeds position limits of {robot.name!r}: {listed(violations, 4, '; ')}. This does not depend on the "
             "timing: choose another path.",
             ConstraintWarning,
             stacklevel=2,
         )
     if np.isinf(bounds.jerk).all():
         return quick
-    shapes = (quintic(1.0), *short_averages(robot, path, *quick.limit_curves().path, kept, friction=friction))
-    scalings = [fitted(robot, path, shape, kept, friction=friction) for shape in shapes]
-    scaling = min(scalings, key=lambda scaling: scaling.duration)
-    return replace(quick, scaling=scaling, bounds=bounds, time_optimal=quick)
+    path_s, path_rate = quick.limit_curves().path
+    averages = short_averages(robot, path, path_s, path_rate, reduced_bounds, friction=friction)
+    scalings = [fitted(robot, path, shape, reduced_bounds, friction=friction) for shape in (quintic(1.0), *averages)]
+    shortest = min(scalings, key=lambda scaling: scaling.duration)
+    return replace(quick, scaling=shortest, bounds=bounds, time_optimal=quick)
 
 
-def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *, friction: bool) -> Fastest:
-    """Fastest motion within all limits except jerk; ``kept`` are the bounds minus a small margin."""
-    rows = PathRows(robot, path, kept, friction=friction)
-    reachable = _reachable(rows)
-    if reachable is not rows.bounds:
-        rows = PathRows(robot, path, reachable, friction=friction)
-    if not (~rows.flat).any():
+def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, reduced_bounds: Limits, *, friction: bool) -> Fastest:
+    """Fastest motion within all limits except jerk; ``reduced_bounds`` keep a small margin from ``bounds``."""
+    rows = PathRows(robot, path, reduced_bounds, friction=friction)
+    reachable_limits = _reachable(rows)
+    if reachable_limits is not rows.bounds:
+        rows = PathRows(robot, path, reachable_limits, friction=friction)
+    if rows.flat.all():
         raise ValueRangeError(
             f"nothing limits how fast {robot.name!r} speeds up on this path: give effort or acceleration "
             "limits of joints that move."
@@ -518,7 +552,7 @@ def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *
         arcs = backward(rows)
         cells = forward(rows, arcs)
     except PathError:  # a narrow feature of the limit curve was missed
-        arcs = backward(rows, 40_001)
+        arcs = backward(rows, _MANY_TEST_POINTS)
         cells = forward(rows, arcs)
     bounds_without_jerk = replace(bounds, jerk=np.full(robot.nv, np.inf))
     scaling = FastestScaling(tuple(cells))
@@ -527,8 +561,10 @@ def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *
 
 def _reachable(rows: PathRows) -> Limits:
     """Limits, with torque and acceleration reduced to what a motion within the velocity limits can reach."""
-    limits, bounds = rows.at(rows.grid), rows.bounds
-    max_x = limits.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
+    limits = rows.at(rows.grid)
+    bounds = rows.bounds
+    velocity_caps = limits.cap[:, : len(rows.fast)]  # of x, by the velocity limits
+    max_x = velocity_caps.min(axis=1, initial=np.inf).max()
     if not np.isfinite(max_x):
         return bounds
     max_u = max_x / (2.0 * _MIN_SPEED_UP_LENGTH)  # x = 2 u s from rest
@@ -539,7 +575,8 @@ def _reachable(rows: PathRows) -> Limits:
     n = len(rows.torque)  # rows of torques come first, then those of accelerations
     effort = bounds.effort.copy()
     effort[rows.torque] = np.minimum(rows.L, largest_values)[:n]
-    acceleration, deceleration = bounds.acceleration.copy(), bounds.deceleration.copy()
+    acceleration = bounds.acceleration.copy()
+    deceleration = bounds.deceleration.copy()
     for limit in (acceleration, deceleration):
         limit[rows.accelerated] = np.minimum(limit[rows.accelerated], largest_values[n:])
     return replace(bounds, effort=effort, acceleration=acceleration, deceleration=deceleration)

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from ..robot.doors import PathClearance
 
 STEP = 0.002
-"""Time between rows of a written motion [s]."""
+"""Time between rows of a motion [s]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,11 +82,11 @@ class MoveReport(Answer):
     limits: Limits
     """Limits of the comparison."""
     trajectory: Trajectory | None
-    """Path and timing; if the path ends early, the part that the robot can follow. None without any."""
+    """Path and timing; if the path ends early, of the part that the robot can follow. None if there is no such part."""
     refused: Verdict | None = None
-    """Verdict without a trajectory; None with a trajectory."""
+    """Verdict on a move without a trajectory; None with a trajectory."""
     early_end: str = ""
-    """Reason why the path ends early; empty if it does not."""
+    """Reason why the path ends early; empty for a whole path."""
     clearance: PathClearance | None = None
     """Least distance between links; None without ``clearance``."""
     hints: tuple[str, ...] = ()
@@ -122,11 +122,11 @@ class MoveReport(Answer):
 
     @property
     def subject(self) -> str:
-        """Text with robot and path, or what is wrong."""
+        """Text with robot and path; without a trajectory, what is wrong."""
         if self.trajectory is not None:
             return f"{self.robot_name} · {self.trajectory.path.name}"
-        contradicts = self.refused is not None and self.refused.word is Word.LOOK_AGAIN
-        return "contradictory input" if contradicts else "no path"
+        is_contradictory = self.refused is not None and self.refused.word is Word.LOOK_AGAIN
+        return "contradictory input" if is_contradictory else "no path"
 
     @property
     def brief(self) -> str:
@@ -143,19 +143,22 @@ class MoveReport(Answer):
     @cached_property
     def violations(self) -> tuple[Violation, ...]:
         """Limits that the motion exceeds for certain, worst first."""
-        return self._violations_and_doubts[0]
+        violations, _ = self._violations_and_doubts
+        return violations
 
     @cached_property
     def _violations_and_doubts(self) -> tuple[tuple[Violation, ...], list[str]]:
         """Certain violations, and doubts about a base that nothing holds."""
         if self.trajectory is None:
             return (), []
-        return certain_violations(self.trajectory.violations(self.limits, friction=self.friction), self.robot)
+        violations = self.trajectory.violations(self.limits, friction=self.friction)
+        return certain_violations(violations, self.robot)
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
         """Reasons to be unsure, sentences without a full stop."""
-        doubts = list(self._violations_and_doubts[1])
+        _, base_doubts = self._violations_and_doubts
+        doubts = list(base_doubts)
         doubts += [str(doubt) for doubt in _input_doubts(self.load, self.limits) if not doubt.refuses]
         doubts += limit_doubts(self.load.robot, self.limits, [use.peak for use in self.uses])
         doubts += model_warnings(self.robot.model, self.uses)
@@ -173,7 +176,8 @@ class MoveReport(Answer):
     @property
     def assumed(self) -> str:
         """Text with the assumptions of the verdict; empty if there are none."""
-        return assumed_words(assumptions(self.robot.model, self.load.payloads, friction=self.load.friction))
+        clauses = assumptions(self.robot.model, self.load.payloads, friction=self.load.friction)
+        return assumed_words(clauses)
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -225,12 +229,12 @@ class MoveReport(Answer):
         return robot_origin(self.robot, self.limits, degrees=self.degrees)
 
     def to_csv(self, path: str | Path, step: float | None = None) -> Path:
-        """Write time, q, dq and ddq at a step, as read by :func:`twistwrench.check`; angles in degrees if the report's are.
+        """Write time, q, dq and ddq for :func:`twistwrench.check`; angles are in degrees if the report's angles are.
 
         Parameters
         ----------
         path : str or Path
-        step : float, optional, time between rows [s]; default: that of the report
+        step : float, optional, time between rows [s]; default: the report's step
 
         Returns
         -------
@@ -351,12 +355,11 @@ def move(
     if contradictions:
         return replace(report, refused=Verdict.from_reasons(look_again=contradictions), hints=())
     check_path(to, by, waypoints, path, scaling)
-    between = None if waypoints is None else read_waypoints(arm, waypoints, degrees=degrees)
-    joint_path, early_end = path_and_trouble(arm, q0, q1, by, between, path)
+    waypoint_rows = None if waypoints is None else read_waypoints(arm, waypoints, degrees=degrees)
+    joint_path, early_end = path_and_trouble(arm, q0, q1, by, waypoint_rows, path)
     if joint_path is None:
         return replace(report, refused=Verdict(Word.STOPPED, (str(early_end).removesuffix("."),)))
-    # The feasible part of a path that ends early has the time scaling.
-    fast = fastest and early_end is None
+    fast = fastest and early_end is None  # the feasible part of a path that ends early has the time scaling
     report = _with_timing(report, joint_path, fast=fast, scaling=scaling, duration=duration)
     if report.trajectory is None:
         return report
@@ -369,7 +372,7 @@ def move(
 def _with_timing(
     report: MoveReport, path: JointPath, *, fast: bool, scaling: Scalings, duration: float | None
 ) -> MoveReport:
-    """Report with the timing of a path, or with the reason why it has no timing; other errors carry the report's hints."""
+    """Report with the timing of a path, or with the reason why it has none; other errors get the report's hints as notes."""
     robot, bounds = report.robot, report.limits
     try:
         trajectory = time_path(
@@ -386,7 +389,7 @@ def _with_timing(
 
 
 def _degrees_hints(robot: Robot, name: str, given: ConfigurationGiven, q: Array) -> list[str]:
-    """Hint on a given configuration q (nq,) that is obviously in degrees; empty if there is none."""
+    """Hint on a configuration q (nq,) that is obviously in degrees, with the argument's name; empty if there is none."""
     if given is None:
         return []
     hint = degrees_hint(robot, q)
@@ -394,12 +397,12 @@ def _degrees_hints(robot: Robot, name: str, given: ConfigurationGiven, q: Array)
 
 
 def _input_doubts(loads: LoadCase, bounds: Limits) -> list[Doubt]:
-    """Doubts about limits and loads as they were given."""
+    """Doubts about the limits and the loads of a move."""
     return [*credible_limits(bounds, loads.robot), *loads.doubts]
 
 
 def _with_uniform_limits(robot: Robot, bounds: Limits, acceleration: float | None, jerk: float | None) -> Limits:
-    """Limits, with acceleration and jerk of all joints replaced where they are given as one number."""
+    """Limits, with acceleration and jerk of all joints replaced by one number if it is given."""
     uniform = bounds_of(robot, acceleration=acceleration, jerk=jerk)
     if acceleration is not None:
         bounds = replace(bounds, acceleration=uniform.acceleration, deceleration=uniform.deceleration)
@@ -424,7 +427,7 @@ class JointUse:
     velocity_share: float
     """Magnitude of this velocity as a share of its limit."""
     peak: float
-    """Torque of largest magnitude, with its sign."""
+    """Torque of largest magnitude, with its sign [N m or N]."""
     torque_share: float
     """Magnitude of this torque as a share of its limit."""
     unit: str
@@ -445,27 +448,32 @@ def joint_uses(trajectory: Trajectory, bounds: Limits, *, friction: bool) -> lis
     drive_velocities = motor_velocities(model, dq)
     way = motor_velocities(model, robot.subtract(q[-1], q[0]))  # couplings map changes of position as velocities
     units = units_of("tau", drive_turns(model))
-    velocity_limits = np.where(
-        coupled_entries(model), np.inf, bounds.velocity
-    )  # those of coupled joints are no motor's
-    time_at_limit = dict.fromkeys((*model.velocity_names, *model.drive_labels), 0.0)  # share of the duration
+    is_motor = coupled_entries(model)  # motors of coupled joints have no velocity limits, which are those of joints
+    velocity_limits = np.where(is_motor, np.inf, bounds.velocity)
+    share_at_limit = dict.fromkeys((*model.velocity_names, *model.drive_labels), 0.0)  # of the duration
     if isinstance(trajectory, Fastest):
         for contact in trajectory.limit_contacts:
-            time_at_limit[contact.joint] += (contact.end - contact.begin) / trajectory.duration
+            share_at_limit[contact.joint] += (contact.end - contact.begin) / trajectory.duration
     uses = []
     for k, name in enumerate(model.drive_labels):
-        velocity = _largest(drive_velocities[:, k])
-        peak = _largest(tau[:, k])
-        velocity_share = _share(velocity, velocity_limits[k])
-        torque_share = _share(peak, bounds.effort[k])
-        uses.append(
-            JointUse(name, float(way[k]), velocity, velocity_share, peak, torque_share, units[k], time_at_limit[name])
+        velocity = _peak(drive_velocities[:, k])
+        torque = _peak(tau[:, k])
+        use = JointUse(
+            name,
+            way=float(way[k]),
+            velocity=velocity,
+            velocity_share=_share(velocity, velocity_limits[k]),
+            peak=torque,
+            torque_share=_share(torque, bounds.effort[k]),
+            unit=units[k],
+            limiting=share_at_limit[name],
         )
+        uses.append(use)
     return uses
 
 
-def _largest(samples: Array) -> float:
-    """Sample of largest magnitude, with its sign."""
+def _peak(samples: Array) -> float:
+    """Sample (of (n,)) of largest magnitude, with its sign."""
     return float(samples[int(np.abs(samples).argmax())])
 
 

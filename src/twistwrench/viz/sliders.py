@@ -13,11 +13,11 @@ MAX_TORQUES = 12
 
 
 def sliders_of(model: Model) -> list[dict[str, Any]]:
-    """Header entries of the sliders, one for each coordinate that a hand can move.
+    """Sliders for the header of a page, one for each coordinate that a user can move.
 
     An entry has ``name``, the index ``q`` of the coordinate, the indices ``v`` of the joint's velocities, ``unit`` (° or m),
-    the range ``lower`` to ``upper``, and the limits ``least`` and ``most``, None without a limit. The three sliders of a
-    quaternion have the same ``q``, and ``turn`` 0, 1 and 2 for roll, pitch and yaw.
+    the range ``lower`` to ``upper`` of the slider, and the limits ``least`` and ``most`` of the position, None without a limit.
+    The three sliders of a quaternion have the same ``q``, and ``turn`` 0, 1 and 2 for roll, pitch and yaw.
     """
     sliders: list[dict[str, Any]] = []
     for body in model.leaders:
@@ -25,12 +25,13 @@ def sliders_of(model: Model) -> list[dict[str, Any]]:
         if body.joint.nv == 1:
             min_position = float(model.limits.lower[body.v_index])
             max_position = float(model.limits.upper[body.v_index])
+        _, velocity_slice = body.places
         for slider in body.joint.sliders:
             lower, upper = _slider_range(min_position, max_position, slider.reach)
             entry = {
                 "name": f"{body.joint.name}{slider.label}",
                 "q": body.q_index + slider.coordinate,
-                "v": list(range(model.nv)[body.places[1]]),
+                "v": list(range(model.nv)[velocity_slice]),
                 "unit": slider.unit,
                 "lower": lower,
                 "upper": upper,
@@ -44,9 +45,9 @@ def sliders_of(model: Model) -> list[dict[str, Any]]:
 
 
 def _slider_range(min_position: float, max_position: float, reach: float) -> tuple[float, float]:
-    """Range of a slider: from one limit to the other.
+    """Range of a slider, between the limits of the position.
 
-    In place of a missing limit, the range ends ``reach`` from zero or twice ``reach`` from the other limit, whichever is
+    If a limit is missing, the range ends at a distance ``reach`` from zero, or twice ``reach`` from the other limit if that is
     farther out.
     """
     lower, upper = min_position, max_position
@@ -63,7 +64,7 @@ def finite_or_none(limit: float) -> float | None:
 
 
 def limbs_of(model: Model) -> list[dict[str, Any]]:
-    """Limbs: chains of joints between branchings of the tree.
+    """Limbs for the header of a page: chains of joints between branchings of the tree.
 
     An entry has ``name``, the indices ``torques`` of its torques, and the indices ``hands`` of its sliders.
 
@@ -74,17 +75,18 @@ def limbs_of(model: Model) -> list[dict[str, Any]]:
     sliders = sliders_of(model)
     limbs = []
     first_bodies = _first_bodies(model)
-    for first in dict.fromkeys(first_bodies):  # each limb once
-        bodies = [body for k, body in enumerate(model.bodies) if first_bodies[k] == first and not body.follows]
-        torques: list[int] = []
-        coordinates: list[int] = []
+    for first_body in dict.fromkeys(first_bodies):  # each limb once
+        bodies = [body for k, body in enumerate(model.bodies) if first_bodies[k] == first_body and not body.follows]
+        torque_indices: list[int] = []
+        coordinate_indices: list[int] = []
         for body in bodies:
-            torques += range(model.nv)[body.places[1]]
-            coordinates += range(model.nq)[body.places[0]]
-        if torques:
-            names = dict.fromkeys((bodies[0].joint.name, bodies[-1].joint.name))  # one name if it has one joint
-            hands = [k for k, slider in enumerate(sliders) if slider["q"] in coordinates]
-            limbs.append({"name": " … ".join(names), "torques": torques, "hands": hands})
+            coordinate_slice, velocity_slice = body.places
+            torque_indices += range(model.nv)[velocity_slice]
+            coordinate_indices += range(model.nq)[coordinate_slice]
+        if torque_indices:
+            end_names = dict.fromkeys((bodies[0].joint.name, bodies[-1].joint.name))  # one name if it has one joint
+            slider_indices = [k for k, slider in enumerate(sliders) if slider["q"] in coordinate_indices]
+            limbs.append({"name": " … ".join(end_names), "torques": torque_indices, "hands": slider_indices})
     return limbs
 
 
@@ -93,9 +95,8 @@ def _first_bodies(model: Model) -> list[int]:
     parents = [body.parent for body in model.bodies if body.joint.moves_body]
     first_bodies: list[int] = []
     for k, body in enumerate(model.bodies):
-        begins_limb = (
-            body.parent == BASE or parents.count(body.parent) > 1 or not model.bodies[body.parent].joint.driven
-        )
+        is_after_branching = parents.count(body.parent) > 1
+        begins_limb = body.parent == BASE or is_after_branching or not model.bodies[body.parent].joint.driven
         if begins_limb or not body.joint.moves_body:
             first_bodies.append(k)
         else:

@@ -24,7 +24,7 @@ SILENT_SECONDS = 1.0
 
 
 _LINKER_ERRORS = (RuntimeError, ValueError, KeyError)
-"""Errors of linking: LLVM's, LLVM's with a message that is not UTF-8, and that of a missing function."""
+"""Errors of linking: of LLVM, of LLVM with a message that is not UTF-8, and of a missing function."""
 
 
 class Code(NamedTuple):
@@ -48,7 +48,7 @@ class _Jit:
     def __init__(self) -> None:
         self.lock = threading.RLock()
         self._linker: Any = None
-        self._numbers = itertools.count()
+        self._library_numbers = itertools.count()
         if hasattr(os, "register_at_fork"):  # no fork while a thread compiles: LLVM would stay locked
             release = self.lock.release
             os.register_at_fork(before=self.lock.acquire, after_in_parent=release, after_in_child=release)
@@ -60,14 +60,14 @@ class _Jit:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
         llvm.initialize_native_asmparser()
-        # The small code model allows constants as memory operands; LLVM's default for compilers in a process would load each
-        # address. Optimisation level 2 takes half as long again without making code faster (bench/NOTES.md).
+        # codemodel: the small one allows constants as memory operands; LLVM's default in a process would load each address
+        # opt: level 2 takes half as long again without making code faster (bench/NOTES.md)
         return llvm.Target.from_triple(machine.triple).create_target_machine(
             cpu=machine.cpu, features=machine.features, opt=1, reloc="pic", codemodel="small"
         )
 
     def link(self, objects: Sequence[bytes], symbol: str, machine: Machine) -> Any:
-        """Library of object codes, from which the address of ``symbol`` can be read."""
+        """Library of object codes, whose entry ``symbol`` is the address of this function."""
         import llvmlite.binding as llvm
 
         if self._linker is None:
@@ -75,7 +75,7 @@ class _Jit:
         builder = llvm.JITLibraryBuilder().add_current_process().export_symbol(symbol)
         for code in objects:
             builder.add_object_img(code)
-        return builder.link(self._linker, f"twistwrench{next(self._numbers)}")
+        return builder.link(self._linker, f"twistwrench{next(self._library_numbers)}")
 
 
 _JIT = _Jit()
@@ -96,9 +96,9 @@ def compile_form(program: Form, precision: Precision, machine: Machine | None = 
 
 
 def _with_message(program: Form, texts: Iterable[str]) -> Iterator[str]:
-    """The texts of modules; if the compilation of the first ones took long, a message on stderr names the results.
+    """Yield the texts of modules; once their compilation has taken long, a message on stderr names the results.
 
-    The caller compiles each text before it takes the next one.
+    The caller compiles each text before it takes the next one, so the time between two texts is that of a compilation.
     """
     start = time.perf_counter()
     has_message = False
@@ -136,7 +136,7 @@ def _link_modules(texts: Callable[[], Iterable[str]], symbol: str, machine: Mach
     """Code of several modules together. Each is written, compiled and cached by itself, so only one long text exists."""
     with _JIT.lock:
         try:
-            objects = [_object_code(text, machine) for text in texts()]
+            objects = [_object_code(text, machine) for text in texts()]  # key, code and origin of each
             keys, object_codes, from_cache = zip(*objects, strict=True)
             try:
                 loaded = _load(object_codes, symbol, machine, cached=all(from_cache))
@@ -157,7 +157,7 @@ def _link_modules(texts: Callable[[], Iterable[str]], symbol: str, machine: Mach
 
 
 def _object_code(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
-    """Cache key of a module, its object code, and True if that came from the cache; ``afresh`` ignores the cache."""
+    """Cache key of a module, its object code, and True if the code came from the cache; ``afresh`` ignores the cache."""
     import llvmlite
 
     compiler_and_machine = f"{llvmlite.__version__} {compiler().version} {machine}"
@@ -168,8 +168,8 @@ def _object_code(text: str, machine: Machine, *, afresh: bool = False) -> tuple[
             return key, cached_code, True
     import llvmlite.binding as llvm
 
-    # A context of its own: in the global one, the module's constants would never be freed. Both are freed here, the module
-    # first. Left to the garbage collector, which has no order, the module could be freed twice, for example after an exception.
+    # A context of its own: in the global one, the module's constants would never be freed. The module is freed here, then the
+    # context. The garbage collector has no order and could free the module twice, for example after an exception.
     with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
         return key, _JIT.target(machine).emit_object(module), False
 

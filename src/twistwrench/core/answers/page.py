@@ -65,7 +65,7 @@ TERMS = {
     "bias": "Reading of a sensor without any load.",
     "limit curve": "Largest speed along a path at which some acceleration keeps all torque limits.",
 }
-"""Explanations of terms that a page may use, equal to those of docs/glossary.md."""
+"""Explanations of terms that a page may use, with the words of docs/glossary.md."""
 
 
 Setting: TypeAlias = tuple[str, str] | Table
@@ -146,6 +146,7 @@ class ReportPage:
     notes: Sequence[str] = ()
     """Sentences printed on standard error."""
     provenance: Sequence[tuple[str, str]] = ()
+    """Names and values of files, settings and versions."""
     tables: Sequence[Table] = ()
     """Tables of the provenance."""
     shorten: Callable[[str], str] = field(default=str)
@@ -161,17 +162,17 @@ class ReportPage:
         text : str
         """
         body = "\n".join(self._without_folders(part) for part in self._parts())
-        terms = _terms_in(body)
-        if terms:
-            body += f"\n<h2>Terms</h2>{_list(terms)}"
+        used_terms = _terms_in(body)
+        if used_terms:
+            body += f"\n<h2>Terms</h2>{_list(used_terms)}"
         policy = POLICY
         scripts = ""
         if self.viewer is not None:
-            viewer_page = "".join(map(self._without_folders_in_text, _ENCODED.split(self.viewer.page)))
+            viewer_parts = _ENCODED.split(self.viewer.page)  # text and base64 in turn
+            viewer_page = "".join(map(self._without_folders_in_text, viewer_parts))
             content = json.dumps(viewer_page, ensure_ascii=False).replace("<", "\\u003c")  # no "</script>"
-            scripts = (
-                f'<script type="application/json" id="viewer">{content}</script>\n<script>{_START_VIEWER}</script>'
-            )
+            data_script = f'<script type="application/json" id="viewer">{content}</script>'
+            scripts = f"{data_script}\n<script>{_START_VIEWER}</script>"
             allowed_scripts = " ".join((digest(_START_VIEWER), *self.viewer.digests))
             policy = f"{POLICY}; frame-src 'self'; script-src {allowed_scripts}"
         style = page_colours() + (resources.files(__package__) / "page.css").read_text("utf-8")
@@ -186,36 +187,36 @@ class ReportPage:
         )
 
     def _parts(self) -> list[str]:
-        """Verdict, pictures, results, details, doubts and provenance, in HTML."""
-        head, body = self._head_and_body()
+        """Parts of the page in HTML: verdict, pictures, results, details, doubts and provenance."""
+        verdict_blocks, result_blocks = self._verdict_and_results()
         raster_pictures = [picture for picture in self.pictures if isinstance(picture.content, bytes)]
         vector_pictures = [picture for picture in self.pictures if isinstance(picture.content, str)]
-        parts = [_verdict(head, self.facts), *map(_picture, raster_pictures)]
+        parts = [_verdict(verdict_blocks, self.facts), *map(_picture, raster_pictures)]
         if self.viewer is not None:
             parts.append(_MOVE_BUTTON)
         parts += map(_picture, vector_pictures)
-        parts += ["<h2>Results</h2>", *map(block_html, body)]
+        parts += ["<h2>Results</h2>", *map(block_html, result_blocks)]
         if self.details:
             parts += ["<h2>Details</h2>", *map(block_html, self.details)]
         notes = [block.words for block in self.blocks if isinstance(block, Remark)] + list(self.notes)
         if notes:
             items = "".join(f"<li>{_escape(note)}</li>" for note in notes)
             parts.append(f"<h2>Doubts and notes</h2><ul>{items}</ul>")
-        parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{''.join(map(table_html, self.tables))}")
+        tables = "".join(map(table_html, self.tables))
+        parts.append(f"<h2>Provenance</h2>{_list(self.provenance)}{tables}")
         return parts
 
-    def _head_and_body(self) -> tuple[list[Block], list[Block]]:
+    def _verdict_and_results(self) -> tuple[list[Block], list[Block]]:
         """Blocks of the verdict, up to the first table or blank line, and the other blocks; both without remarks."""
-        head_length = len(self.blocks)
+        verdict_length = len(self.blocks)
         for k, block in enumerate(self.blocks):
             if block == "" or isinstance(block, Table):
-                head_length = k
+                verdict_length = k
                 break
-        head = list(self.blocks[:head_length]) or [f"{self.command}: {self.subject}"]
-        body: list[Block] = [
-            block for block in self.blocks[head_length:] if block != "" and not isinstance(block, More | Remark)
-        ]
-        return [block for block in head if not isinstance(block, Remark)], body
+        verdict_blocks = list(self.blocks[:verdict_length]) or [f"{self.command}: {self.subject}"]
+        other_blocks = self.blocks[verdict_length:]
+        result_blocks = [block for block in other_blocks if block != "" and not isinstance(block, More | Remark)]
+        return [block for block in verdict_blocks if not isinstance(block, Remark)], result_blocks
 
     def write(self, path: Path) -> Path:
         """Write the page, replacing an existing one.
@@ -233,7 +234,7 @@ class ReportPage:
         return path
 
     def _without_folders(self, part: str) -> str:
-        """A part of the page without folders in paths; unchanged if it holds an image, whose digits may look like a path."""
+        """A part of the page without folders in paths; unchanged if it has an image, whose base64 may look like a path."""
         if "base64," in part:
             return part
         return self.shorten(part)
@@ -291,8 +292,8 @@ def answer_page(
 ) -> ReportPage:
     """Page of an answer.
 
-    ``command`` (words of the command line), ``notes`` and ``files`` belong to an answer that a command gives. Folders are
-    removed from paths unless ``full_paths``.
+    ``command`` (words of the command line), ``notes`` and ``files`` belong to the answer of a command. Folders are removed from
+    paths unless ``full_paths`` is True.
     """
     blocks: list[Block] = []
     details: list[Block] = []
@@ -337,7 +338,7 @@ _SEPARATORS = ("+", ":=", "=")
 
 
 def without_folders(texts: Iterable[str]) -> Callable[[str], str]:
-    """Function that replaces paths in these texts by their file names."""
+    """Function of a text that replaces the paths, which occur in ``texts``, by their file names."""
     name_by_path: dict[str, str] = {}
     for text in texts:
         parts = [text]
@@ -345,11 +346,13 @@ def without_folders(texts: Iterable[str]) -> Callable[[str], str]:
             parts = separator.join(parts).split(separator)
         for part in parts:
             path = Path(part)
-            if path.name and path.parent.is_dir() and path.name != part:
+            names_folder = path.parent.is_dir() and path.name != part
+            if path.name and names_folder:
                 name_by_path |= {part: path.name, str(path.resolve()): path.name}
     longest_first = sorted(name_by_path, key=len, reverse=True)  # a path may begin with another one
 
     def shorten(text: str) -> str:
+        """Text with file names in place of paths."""
         for path in longest_first:
             text = text.replace(path, name_by_path[path])
         return text
@@ -363,7 +366,8 @@ def provenance(files: Mapping[str, str | Path | None]) -> Iterator[tuple[str, st
         if path is not None and Path(path).is_file():
             content = Path(path).read_bytes()
             digest = hashlib.sha256(content).hexdigest()
-            yield name.partition(" ")[0], f"{path}, {len(content):,} bytes, SHA-256 {digest}"
+            argument, _, _ = name.partition(" ")
+            yield argument, f"{path}, {len(content):,} bytes, SHA-256 {digest}"
 
 
 def versions() -> Iterator[tuple[str, str]]:
@@ -416,6 +420,7 @@ def _line(line: Block | Cell) -> str:
 
 
 def _pieces(pieces: Iterable[Piece]) -> str:
+    """HTML of pieces of text; a style becomes the class of a span."""
     spans = []
     for piece in pieces:
         if isinstance(piece, str):
@@ -430,11 +435,11 @@ def _pieces(pieces: Iterable[Piece]) -> str:
 
 
 def paragraphs(line: Block) -> list[str]:
-    """HTML of each line of a text."""
+    """HTML of each line of a block of text; a span over several lines is closed and opened again."""
     open_tag = ""  # of a span that goes on in the next line
     lines: list[str] = []
-    for part in _line(line).split("\n"):
-        html_line = f"{open_tag}{part}"
+    for text_line in _line(line).split("\n"):
+        html_line = f"{open_tag}{text_line}"
         tags = re.findall(r'<span class="[^"]*">|</span>', html_line)
         open_tag = ""
         if tags and tags[-1] != "</span>":
@@ -444,15 +449,15 @@ def paragraphs(line: Block) -> list[str]:
     return lines
 
 
-def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
+def _verdict(blocks: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
     """HTML of the verdict and of its decisive numbers."""
     lines: list[str] = []
-    for block in head:
+    for block in blocks:
         if isinstance(block, str | Headline | Line):
             lines += paragraphs(block)
-    heading, *others = lines or [""]
-    further_lines = "".join(f"<p>{line}</p>" for line in others)
-    verdict = f'<div class="verdict"><h1>{heading}</h1>{further_lines}</div>'
+    heading, *other_lines = lines or [""]
+    paragraphs_below = "".join(f"<p>{line}</p>" for line in other_lines)
+    verdict = f'<div class="verdict"><h1>{heading}</h1>{paragraphs_below}</div>'
     numbers = "".join(f"<div><dt>{_escape(name)}</dt><dd>{_escape(value)}</dd></div>" for name, value in facts)
     if numbers:
         return f'{verdict}<dl class="facts">{numbers}</dl>'
@@ -460,12 +465,13 @@ def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
 
 
 def _picture(picture: Picture) -> str:
-    name = _escape(picture.title)
+    """HTML of a picture with its title."""
+    title = _escape(picture.title)
     if isinstance(picture.content, bytes):
         data = base64.b64encode(picture.content).decode("ascii")
-        image = f'<img alt="{name}" src="data:image/png;base64,{data}">'
-        return f'<figure class="robot">{image}<figcaption>{name}</figcaption></figure>'
-    return f'<figure><div class="scroll" tabindex="0" role="img" aria-label="{name}">{picture.content}</div></figure>'
+        image = f'<img alt="{title}" src="data:image/png;base64,{data}">'
+        return f'<figure class="robot">{image}<figcaption>{title}</figcaption></figure>'
+    return f'<figure><div class="scroll" tabindex="0" role="img" aria-label="{title}">{picture.content}</div></figure>'
 
 
 def block_html(block: Block) -> str:
@@ -486,26 +492,26 @@ def block_html(block: Block) -> str:
 
 
 def table_html(table: Table) -> str:
-    """HTML of a table with its title as caption. Empty columns are left out; others have their narrow form if they have one."""
+    """HTML of a table with its title as caption. Empty columns are left out; a column is narrow if it has a narrow form."""
     heads = ""
     cells_by_column: list[list[str]] = []
     for column in table.columns:
-        shown = column.narrow or column
-        cells = [_line(shown.show(value)) for value in shown.values]
+        shown_column = column.narrow or column
+        cells = [_line(shown_column.show(value)) for value in shown_column.values]
         if not any(cells):
             continue
-        attribute = _class_attribute(shown)
-        heads += f'<th scope="col"{attribute}>{_escape(shown.head)}</th>'
+        attribute = _class_attribute(shown_column)
+        heads += f'<th scope="col"{attribute}>{_escape(shown_column.head)}</th>'
         cells_by_column.append([f"<td{attribute}>{cell}</td>" for cell in cells])
     rows = []
     for k, style in enumerate(table.styles):
         row_class = f' class="{style}"' if style else ""
         row_cells = "".join(cells[k] for cells in cells_by_column)
         rows.append(f"<tr{row_class}>{row_cells}</tr>")
-    name = _escape(table.title)
-    caption = f"<caption>{name}</caption>" if name else ""
+    title = _escape(table.title)
+    caption = f"<caption>{title}</caption>" if title else ""
     return (
-        f'<figure class="table"><div class="scroll" tabindex="0" role="group" aria-label="{name or "Table"}"><table>{caption}'
+        f'<figure class="table"><div class="scroll" tabindex="0" role="group" aria-label="{title or "Table"}"><table>{caption}'
         f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table></div></figure>"
     )
 
@@ -520,16 +526,17 @@ def _class_attribute(column: Column) -> str:
 
 
 def _list(pairs: Iterable[tuple[str, str]]) -> str:
+    """HTML of a list of names and texts."""
     entries = "".join(f"<dt>{_escape(name)}</dt><dd>{_escape(text)}</dd>" for name, text in pairs)
     return f"<dl>{entries}</dl>"
 
 
 _NAMING_ELEMENTS = re.compile(r'<(h1|th|dt|caption|figcaption|td(?= class="word))\b.*?</\1>', re.DOTALL)
-"""Elements that name a quantity. In other elements an everyday word such as gravity is not taken for a term."""
+"""Elements that name a quantity. In other elements, an everyday word such as gravity does not count as a term."""
 
 
 def _terms_in(page: str) -> list[tuple[str, str]]:
-    """Terms that occur on a page; everyday words count only in table heads and row names."""
+    """Terms that occur on a page, with their explanations; everyday words count only in elements that name a quantity."""
     page_text = html.unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", page, flags=re.DOTALL))  # without tags and pictures
     naming_elements = " ".join(match[0] for match in _NAMING_ELEMENTS.finditer(page))
     names_text = html.unescape(re.sub(r"<[^>]+>", " ", naming_elements))

@@ -38,7 +38,7 @@ class _Output(Console):
         raise
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print without cutting lines, and without wrapping texts that are marked so."""
+        """Print without cutting lines, and without wrapping if a text is marked ``no_wrap``."""
         must_not_wrap = any(isinstance(text, Text) and text.no_wrap for text in objects)
         if must_not_wrap:  # Rich joins the texts, and loses their mark
             options = {"no_wrap": True, "overflow": "ignore", **options}
@@ -74,7 +74,7 @@ def _plain_text(blocks: Iterable[Block]) -> str:
 
 
 def print_blocks(blocks: Iterable[Block], *, every: bool = False, file: TextIO | None = None) -> None:
-    """Print a report in the width of the terminal, with colours where it has some."""
+    """Print a report in the width of the terminal, with colours if the terminal has some; with ``every`` in full."""
     output = _Output(file=file, highlight=False)
     hint = ".print(every=True)"
     if every:
@@ -87,48 +87,50 @@ def print_blocks(blocks: Iterable[Block], *, every: bool = False, file: TextIO |
 def short_form(blocks: Iterable[Block], hint: str) -> list[Block]:
     """Blocks of the short form: the most complete one of at most 45 lines, or else the shortest.
 
-    Its lines are counted at 80 columns, so it is the same at every width. The ``hint`` says how to see everything.
+    Lines are counted at 80 columns, so the form is the same at every width. The ``hint`` says how to see everything.
     """
+    form: list[Block] = []
     for form in _short_forms(list(blocks), hint):
         if _plain_text(form).count("\n") <= MAX_LINES:
-            break
+            return form
     return form
 
 
 def _short_forms(blocks: list[Block], hint: str) -> Iterator[list[Block]]:
-    """Short forms, the most complete first: all rows, then fewer rows, then fewer tables, whose last ones are left out."""
+    """Short forms, the most complete first: with all rows, with fewer rows, without the last tables."""
     yield shown_blocks(blocks, every=False, hint=hint)
-    for rows in _ROW_COUNTS:
-        yield shown_blocks(blocks, every=False, hint=hint, rows=rows)
+    for row_count in _ROW_COUNTS:
+        yield shown_blocks(blocks, every=False, hint=hint, rows=row_count)
     table_count = sum(map(_is_short_table, blocks))
-    for kept_tables in range(max(table_count - 1, 1), 0, -1):
-        blocks_with_first_tables = _with_first_tables(blocks, kept_tables)
-        for rows in _ROW_COUNTS:
-            yield shown_blocks(blocks_with_first_tables, every=False, hint=hint, rows=rows, uncut_rows=rows)
+    largest_reduced_count = max(table_count - 1, 1)
+    for reduced_count in range(largest_reduced_count, 0, -1):
+        blocks_with_first_tables = _with_first_tables(blocks, reduced_count)
+        for row_count in _ROW_COUNTS:
+            yield shown_blocks(blocks_with_first_tables, every=False, hint=hint, rows=row_count, uncut_rows=row_count)
 
 
 def _is_short_table(block: Block) -> bool:
-    """True for the tables and trees of the short form."""
+    """True for a table or tree of the short form."""
     return isinstance(block, Table | Branch) and block.level <= Level.SHORT
 
 
 def _with_first_tables(blocks: list[Block], count: int) -> list[Block]:
-    """Blocks with the first ``count`` tables and trees; a last line names the omitted ones."""
-    kept = list[Block]()
+    """Blocks without the tables and trees after the first ``count``; a last line names the omitted ones."""
+    remaining_blocks = list[Block]()
     omitted_titles = list[str]()
-    table_count = 0
+    table_count = 0  # so far
     for block in blocks:
         table_count += _is_short_table(block)
         if not _is_short_table(block) or table_count <= count:
-            kept.append(block)
+            remaining_blocks.append(block)
         elif isinstance(block, Table):
-            words_before_mark = re.split(r"[:,(]", block.title)[0]
+            words_before_mark, *_ = re.split(r"[:,(]", block.title)
             omitted_titles.append(words_before_mark.strip())
         else:
             omitted_titles.append("tree")
     if omitted_titles:
-        kept.append(More(", ".join(omitted_titles)))
-    return kept
+        remaining_blocks.append(More(", ".join(omitted_titles)))
+    return remaining_blocks
 
 
 def _print(blocks: Iterable[Block], output: Console) -> None:
@@ -138,7 +140,7 @@ def _print(blocks: Iterable[Block], output: Console) -> None:
 
 
 def renderable(block: Block, output: Console) -> RenderableType:
-    """Rich renderable of a block; columns of a table have their narrow form if it is too wide even without padding."""
+    """Rich renderable of a block; a table has its narrow columns if it is too wide even without padding."""
     if isinstance(block, Table):
         table_without_padding = TerminalTable(block)
         table_without_padding.padding = (0, 0)
@@ -162,8 +164,8 @@ def _aligned_text(block: Aligned, width: int) -> Text:
     width = max(width, _MIN_EQUATION_WIDTH)
     title = "".join(f"\n{line}" for line in block.title_lines(width))
     rows = "\n".join(block.lines(width))
-    between = "\n" if title and rows else ""
-    return Text.assemble((title, terminal_style(Style.STRONG)), between, rows)
+    separator = "\n" if title and rows else ""
+    return Text.assemble((title, terminal_style(Style.STRONG)), separator, rows)
 
 
 def _rich_text(content: Headline | Remark | More | Cell) -> Text:
@@ -185,7 +187,7 @@ def _rich_piece(piece: Piece) -> str | tuple[str, str]:
 
 
 def _rich_tree(content: Branch, parent: Tree | None = None) -> Tree:
-    """Rich tree of a branch, added to the parent's if there is one."""
+    """Rich tree of a branch and all its branches, added to the tree ``parent`` if there is one."""
     label = _rich_text(content.label)
     tree = Tree(label) if parent is None else parent.add(label)
     for branch in content.branches:
@@ -198,7 +200,7 @@ def _rich_tree(content: Branch, parent: Tree | None = None) -> Tree:
 _UNBOUNDED_WIDTH = 10_000
 """Width in characters larger than any table."""
 _MIN_PIECE_WIDTH = 8
-"""Least width of a column of words: its longest word, but at most so many characters, since longer names are folded."""
+"""Upper bound of the least width of a column of words, in characters; longer names are folded."""
 
 
 class TerminalTable(table.Table):
@@ -212,25 +214,26 @@ class TerminalTable(table.Table):
         columns = list(content.columns)
         if narrow:
             columns = [column.narrow or column for column in content.columns if not column.wide_only]
-        self._folding: list[list[Text]] = []
-        """Cells of the foldable columns."""
-        cells: list[list[Text]] = []
+        self._foldable_columns: list[list[Text]] = []
+        """Cells of each column whose names may be folded."""
+        cells_of_columns: list[list[Text]] = []
         for column in columns:
             texts = [_rich_text(column.show(value)) for value in column.values]
             self._add(column, texts)
-            cells.append(texts)
+            cells_of_columns.append(texts)
             if column.words and not column.whole:
-                self._folding.append(texts)
-        for row, style in zip(zip(*cells, strict=True), content.styles, strict=True):
+                self._foldable_columns.append(texts)
+        rows = zip(*cells_of_columns, strict=True)
+        for row, style in zip(rows, content.styles, strict=True):
             self.add_row(*row, style=terminal_style(style))
 
     def _add(self, column: Column, texts: list[Text]) -> None:
         """Add a column with the least width at which its cells can be read."""
         # Cells that stay whole are marked one by one: Rich's option for a column would take all width from the others.
         for text in texts:
-            text.no_wrap = column.whole or None
+            text.no_wrap = column.whole or None  # None: as Rich has it by default
         if column.whole:
-            lines = "\n".join(text.plain for text in texts).split("\n")
+            lines = "\n".join(text.plain for text in texts).split("\n")  # of all cells
             widths = [cell_len(line) for line in lines]
         else:
             words = " ".join(text.plain for text in texts).split()
@@ -260,19 +263,20 @@ class TerminalTable(table.Table):
     def _fold_names(self, excess: int) -> None:
         """Fold names in the widest columns between their parts, until the table is narrower by the excess or no name folds.
 
-        All columns wider than a common width get this width, but no less than their longest part of a name. The largest common
-        width that is small enough is used.
+        Columns wider than a common width get this width, or the width of their longest part of a name if that is larger. The
+        largest common width that is small enough is used.
         """
-        columns = [texts for texts in self._folding if texts]
-        full_widths, part_widths = [], []
+        columns = [texts for texts in self._foldable_columns if texts]
+        full_widths = []
+        min_widths = []
         for texts in columns:
             lines = "\n".join(text.plain for text in texts).splitlines()
             full_widths.append(max(map(cell_len, lines), default=0))
             parts = [part for text in texts for part in _name_parts(text.plain)]
-            part_widths.append(max(map(cell_len, parts)))
+            min_widths.append(max(map(cell_len, parts)))
         widths = full_widths
         for common_width in range(max(full_widths, default=0), 0, -1):
-            widths = [max(part, min(full, common_width)) for full, part in zip(full_widths, part_widths, strict=True)]
+            widths = [max(least, min(full, common_width)) for full, least in zip(full_widths, min_widths, strict=True)]
             if sum(full_widths) - sum(widths) >= excess:
                 break
         for texts, width in zip(columns, widths, strict=True):
@@ -280,13 +284,13 @@ class TerminalTable(table.Table):
                 text.plain = _fold_name(text.plain, width)
 
     def _excess_width(self, console: Console, options: ConsoleOptions) -> int:
-        """Characters by which the table is wider than the console."""
+        """Number of characters by which the table is wider than the console; negative if it fits."""
         unbounded = options.update(max_width=_UNBOUNDED_WIDTH)
         return Measurement.get(console, unbounded, self).maximum - options.max_width
 
 
 def _name_parts(name: str) -> list[str]:
-    """Parts of a name between _, -, . and /, each with the separator after it."""
+    """Parts of a name between _, -, . and /, each with the separator after it; one empty part for an empty name."""
     return re.findall(r"[^_\-./\s]*[_\-./]|[^_\-./\s]+", name) or [""]
 
 

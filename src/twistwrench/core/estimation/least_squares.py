@@ -34,6 +34,16 @@ _DIAGONAL_ROUNDING = 1e-13
 """Relative growth of the diagonal, which keeps the matrix positive definite in spite of rounding."""
 _MIN_RELATIVE_SINGULAR_VALUE = 1e-6
 """Singular values below this share of the largest are rounding errors."""
+_MIN_PIVOT = 1e-6
+"""Smallest entry of a unit vector that is a pivot; smaller ones are rounding errors."""
+_MIN_SHARE_OF_ROW = 1e-5
+"""Entries of a combination below this share of its largest are rounding errors."""
+_MAX_LOG_CHANGE = 1e-3
+"""Change of the logarithm of a variance up to which the variances have converged."""
+_MIN_RELATIVE_DEVIATION = 1e-9
+"""Smallest standard deviation of residuals relative to the largest torque."""
+_MAX_RELATIVE_CHANGE = 1e-6
+"""Change of a torque, in standard deviations of the residuals, up to which the weights have converged."""
 
 Information = tuple[Array, Array, float]
 """Normal equations summed over joints, as a tuple: N (r, r), c (r,) and y = |τ|² of weighted rows."""
@@ -80,10 +90,10 @@ class NormalEquations:
         root: Array | None = None,
         rows: Array | slice | None = None,
     ) -> NormalEquations:
-        """Normal equations of rows W (n, nv, r) and τ (n, nv), computed by joint to avoid a copy of W.
+        """Normal equations of W (n, nv, r) and τ (n, nv), computed by joint to avoid a copy of W.
 
-        ``active`` (nv, r) marks the nonzero columns of each joint. ``root`` (n, nv) are square roots of weights. ``rows``
-        select rows. By default all columns and rows are used, with weight 1.
+        ``active`` (nv, r) marks the nonzero columns of each joint. ``root`` (n, nv) are square roots of weights. ``rows`` are
+        the indices or the mask of the rows that are used. By default all columns and rows are used, with weight 1.
         """
         nv, r = W.shape[1:]
         N = np.zeros((nv, r, r))
@@ -96,7 +106,7 @@ class NormalEquations:
             active = np.ones((nv, r), bool)
         for j in range(nv):
             columns = np.flatnonzero(active[j])
-            A = np.ascontiguousarray(W[used_rows, j][:, columns])
+            A = np.ascontiguousarray(W[used_rows, j][:, columns])  # a copy: W keeps its values
             if root is not None:
                 A *= root[used_rows, j, None]
             N[j][np.ix_(columns, columns)] = A.T @ A
@@ -111,7 +121,7 @@ class NormalEquations:
         return NormalEquations(self.N - other.N, self.c - other.c, self.y - other.y, self.rows - other.rows)
 
     def together(self) -> tuple[Array, Array, float]:
-        """N (r, r), c (r,) and |τ|² summed over joints, for rows that were divided by their standard deviations."""
+        """Sums over joints of N (r, r), c (r,) and |τ|², for rows that are already divided by their standard deviations."""
         return self.N.sum(axis=0), self.c.sum(axis=0), float(self.y.sum())
 
     def whitened(self, sigma: Array) -> tuple[Array, Array]:
@@ -131,17 +141,17 @@ class NormalEquations:
         σ depends on x, and x on σ: both are computed in turn, until the variances change by less than 0.1 %.
         """
         n = max(self.rows, 1.0)
+        least_variance = _MIN_RELATIVE_VARIANCE * self.y / n + _MIN_DIVISOR
         variance = np.maximum(self.y / n, _MIN_DIVISOR)
         x = prior.mean
         for _ in range(_MAX_ITERATIONS):
             weighted_N = np.einsum("jkl,j->kl", self.N, 1.0 / variance)
             weighted_c = (self.c / variance[:, None]).sum(axis=0)
             x = prior.solve(weighted_N, weighted_c)
-            least_variance = _MIN_RELATIVE_VARIANCE * self.y / n + _MIN_DIVISOR
             new_variance = np.maximum(self.squares(x) / n, least_variance)
-            converged = bool(np.abs(np.log(new_variance / variance)).max() < 1e-3)
+            log_changes = np.abs(np.log(new_variance / variance))
             variance = new_variance
-            if converged:
+            if log_changes.max() < _MAX_LOG_CHANGE:
                 break
         return x, np.sqrt(variance)
 
@@ -163,7 +173,8 @@ class Prior:
         diagonal = np.einsum("ii->i", matrix)  # a view: the next lines change the matrix
         diagonal += 1.0
         diagonal *= 1.0 + _DIAGONAL_ROUNDING
-        return np.asarray(self.mean + solve_positive(matrix, D * (b - A @ self.mean), units=D))
+        right_side = D * (b - A @ self.mean)
+        return np.asarray(self.mean + solve_positive(matrix, right_side, units=D))
 
 
 def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
@@ -171,7 +182,8 @@ def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
     from scipy.linalg.lapack import dpotrf, dpotrs  # cho_factor and cho_solve take as long again for their checks
 
     scale = np.sqrt(A.diagonal())
-    factor, failed_minor = dpotrf(A / scale[:, None] / scale[None, :], clean=0)  # 0 if none failed
+    scaled_A = A / scale[:, None] / scale[None, :]
+    factor, failed_minor = dpotrf(scaled_A, clean=0)  # failed_minor: order of the first one, or 0 for none
     if failed_minor:
         raise np.linalg.LinAlgError(f"the matrix is not positive definite: leading minor {failed_minor}.")
     scaled_x, _ = dpotrs(factor, b / scale)
@@ -181,9 +193,12 @@ def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
 # Iteratively reweighted least squares with Huber's weights min(1, k / |u|), u = r / s, k = 1.345 and s = 1.4826 median |r|
 # (Holland and Welsch, "Robust regression using iteratively reweighted least-squares", Comm. Statistics A6, 1977).
 
-HUBER, MAD = 1.345, 1.4826
-"""Huber's k, and the ratio of the standard deviation to the median absolute deviation of normal noise."""
+HUBER = 1.345
+"""Huber's k."""
+MAD = 1.4826
+"""Ratio of the standard deviation to the median absolute deviation of normal noise."""
 _MAX_REWEIGHTINGS = 12
+"""Maximum number of solutions with new weights of the rows."""
 Method = Literal["irls", "wls", "ols"]
 """Iteratively reweighted, weighted by joint, or ordinary least squares."""
 
@@ -198,8 +213,8 @@ def weighted_fit(
 ) -> tuple[Array, Array, Array]:
     """Parameters (r,), standard deviations of the residuals by joint (nv,), and weights (n, nv) of the rows.
 
-    ``W`` is (n, nv, r), ``tau`` (n, nv). ``active`` (nv, r) marks nonzero columns, ``rows`` (n,) the rows that are
-    used. Weights are 1 for full weight; those of unused rows are meaningless.
+    ``W`` is (n, nv, r), ``tau`` (n, nv). ``active`` (nv, r) marks nonzero columns, ``rows`` (n,) the rows that are used.
+    A weight of 1 is full weight. Weights of unused rows have no meaning.
     """
     used_rows = slice(None) if rows is None else rows
     unweighted = NormalEquations.from_rows(W, tau, active, rows=used_rows)
@@ -211,33 +226,35 @@ def weighted_fit(
     x, sigma = unweighted.solve(prior)
     if method == "wls":
         return x, sigma, weights
+    largest_torques = np.abs(tau[used_rows]).max(axis=0)
+    least_sigma = _MIN_RELATIVE_DEVIATION * largest_torques + _MIN_DIVISOR
     for _ in range(_MAX_REWEIGHTINGS):
         residuals = tau - W @ x
-        least_sigma = 1e-9 * np.abs(tau[used_rows]).max(axis=0) + _MIN_DIVISOR
         median_deviation = np.median(np.abs(residuals[used_rows]), axis=0)
         sigma = np.maximum(MAD * median_deviation, least_sigma)
         weights = huber_weights(np.abs(residuals / sigma))
         root = np.sqrt(weights) / sigma
         equations = NormalEquations.from_rows(W, tau, active, root, used_rows)
         x_new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
-        change = np.abs((W @ (x_new - x))[used_rows]).max()
+        torque_changes = W @ (x_new - x)
+        largest_change = np.abs(torque_changes[used_rows]).max()
         x = x_new
-        if change <= 1e-6 * sigma.max():
+        if largest_change <= _MAX_RELATIVE_CHANGE * sigma.max():
             break
     return x, sigma, weights
 
 
 def orthogonal_fit(A: Array, y: Array, root: Array, sizes: Array) -> tuple[Array, Array, Array]:
-    """Weighted least squares: estimate x (p,), square root of its covariance (p, p), orthonormal columns Q (n, c, p).
+    """Weighted least squares: estimate x (p,), square root U⁻¹ of its covariance C (p, p), orthonormal columns Q (n, c, p).
 
-    For measurements y (n, c), a model A (n, c, p), and square roots of the weights ``root`` (n, c):
+    For measurements y (n, c), a model A (n, c, p), and the square roots ``root`` (n, c) of the weights W:
 
         W^(1/2) A = Q U,   x = U⁻¹ Q' W^(1/2) y,   C = U⁻¹ U⁻ᵀ.
 
     The columns of A are scaled by the ``sizes`` (p,) of the unknowns. Unknowns with zero columns are zero.
     """
     p = A.shape[-1]
-    free = A.any(axis=(0, 1))
+    free = A.any(axis=(0, 1))  # unknowns with nonzero columns
     weighted_A = (A[..., free] * root[..., None]).reshape(y.size, -1)
     Q_free, U_scaled = np.linalg.qr(weighted_A * sizes[free])
     U_inverse = sizes[free][:, None] * np.linalg.inv(U_scaled)
@@ -253,7 +270,8 @@ def orthogonal_fit(A: Array, y: Array, root: Array, sizes: Array) -> tuple[Array
 def null_combinations(A: Array) -> Array:
     """Basis (k, p) of the null space of A (n, p) in reduced echelon form: few nonzero entries, leading ones."""
     if len(A) > A.shape[1]:
-        A = np.asarray(np.linalg.qr(A)[1])  # same singular values and row space, smaller matrix
+        _, triangular_factor = np.linalg.qr(A)
+        A = np.asarray(triangular_factor)  # same singular values and row space, smaller matrix
     _, singular_values, right_vectors = np.linalg.svd(A)
     rank = 0
     if singular_values.size:
@@ -263,14 +281,14 @@ def null_combinations(A: Array) -> Array:
     for column in range(basis.shape[1]):
         if row == len(basis):
             break
-        pivot = row + int(np.abs(basis[row:, column]).argmax())
-        if abs(basis[pivot, column]) < 1e-6:
+        pivot_row = row + int(np.abs(basis[row:, column]).argmax())
+        if abs(basis[pivot_row, column]) < _MIN_PIVOT:
             continue
-        basis[[row, pivot]] = basis[[pivot, row]]
+        basis[[row, pivot_row]] = basis[[pivot_row, row]]  # the two rows change places
         basis[row] /= basis[row, column]
-        others = np.arange(len(basis)) != row
-        basis[others] -= np.outer(basis[others, column], basis[row])
+        is_other_row = np.arange(len(basis)) != row
+        basis[is_other_row] -= np.outer(basis[is_other_row, column], basis[row])
         row += 1
-    row_sizes = np.abs(basis).max(axis=1, keepdims=True, initial=0.0)
-    basis[np.abs(basis) < 1e-5 * row_sizes] = 0.0  # rounding errors
+    largest_entries = np.abs(basis).max(axis=1, keepdims=True, initial=0.0)  # of each row
+    basis[np.abs(basis) < _MIN_SHARE_OF_ROW * largest_entries] = 0.0
     return basis

@@ -36,7 +36,7 @@ def _joint_name(actuator: Element) -> str:
 
 def motor_joints_of(root: Element, joints: Mapping[str, MjcfJoint], defaults: Defaults) -> set[str]:
     """Joints that actuators drive, directly or by a fixed tendon; empty if the joints of an actuator are unknown."""
-    tendons = {tendon.attributes.get("name", "").strip(): tendon for tendon in root.children_in("tendon")}
+    tendons = {child.attributes.get("name", "").strip(): child for child in root.children_in("tendon")}
     motor_joints: set[str] = set()
     for child in root.children_in("actuator"):
         actuator = defaults.apply(child)
@@ -47,8 +47,9 @@ def motor_joints_of(root: Element, joints: Mapping[str, MjcfJoint], defaults: De
             return set()
         motor_joints.add(_joint_name(actuator))
         if tendon is not None:
-            moved_parts = [part for part in tendon.all("joint") if part.number("coef") != 0]
-            motor_joints |= {part.text("joint") for part in moved_parts}
+            for part in tendon.all("joint"):
+                if part.number("coef") != 0:
+                    motor_joints.add(part.text("joint"))
     return motor_joints & joints.keys()  # without the empty name
 
 
@@ -84,7 +85,7 @@ def drives_of(
         joint_name = _joint_name(actuator)
         if joint_name and joint_name not in joints:
             raise child.error(f"drives the joint {joint_name!r}, which is not there.")
-        gear = actuator.floats("gear", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))[0]
+        gear, *_ = actuator.floats("gear", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))  # the others are for ball joints
         if child.tag in ACTUATORS:
             _add_losses(builder, drives, actuator, gear, joints.get(joint_name))
         if joint_name:
@@ -92,9 +93,11 @@ def drives_of(
             range_at_joint = np.zeros(2)  # a gear of zero transmits no force; infinity times zero would be nan
             if gear:
                 range_at_joint = np.sort(gear * force_range)  # a negative gear exchanges the sides
-            force_range_by_joint[joint_name] = force_range_by_joint.get(joint_name, np.zeros(2)) + range_at_joint
-            if actuator.attributes.get(SHORTCUT) == "dcmotor" and gear and joints[joint_name].single:
-                largest_torque = float(np.abs(force_range).min())  # that it gives to either side
+            earlier_range = force_range_by_joint.get(joint_name, np.zeros(2))
+            force_range_by_joint[joint_name] = earlier_range + range_at_joint
+            is_motor = actuator.attributes.get(SHORTCUT) == "dcmotor"
+            if is_motor and gear and joints[joint_name].single:
+                largest_torque = float(np.abs(force_range).min())  # that it gives to both sides
                 _add_motor(builder, drives, actuator, gear, joint_name, largest_torque)
             if child.tag == "orientation":  # no such actuator drives a joint
                 builder.note(actuator, LEFT_OUT["actuator/joint"])
@@ -106,8 +109,8 @@ def drives_of(
             lower, upper = _numbers_of_range(joint.element, "actuatorfrcrange")
             force_range = np.clip(force_range, lower, upper)
         effort, note = _effort_and_note(force_range)
-        # A joint without actuators and without a range has no effort either, which needs no note.
-        if note and (joint_name in force_range_by_joint or effort is not None):
+        has_actuator = joint_name in force_range_by_joint
+        if note and (has_actuator or effort is not None):  # without actuator and range, an unknown effort is expected
             builder.note(label("joint", joint_name, joint.element.place), note)
         if effort is not None:
             drives.efforts[joint_name] = effort
@@ -127,34 +130,35 @@ def _effort_and_note(force_range: Array) -> tuple[float | None, str]:
 
     ``force_range`` (2,) are the least force of the joint's actuators, which is negative, and the largest one.
     """
-    to_negative_side = max(-float(force_range[0]), 0.0)
-    to_positive_side = max(float(force_range[1]), 0.0)
-    smaller = min(to_negative_side, to_positive_side)
-    larger = max(to_negative_side, to_positive_side)
-    if larger == math.inf:
+    negative_effort = max(-float(force_range[0]), 0.0)
+    positive_effort = max(float(force_range[1]), 0.0)
+    smaller_effort = min(negative_effort, positive_effort)
+    larger_effort = max(negative_effort, positive_effort)
+    if larger_effort == math.inf:
         return None, "has an actuator whose largest force is not given"
-    if smaller == 0.0 < larger:
-        return larger, f"is driven to one side only, by up to {number(larger)}, and its limit is that of both"
-    if smaller < (1 - _MAX_DIFFERENCE_OF_SIDES) * larger:
-        sides = f"{number(smaller)} to one side and {number(larger)} to the other"
-        return smaller, f"gives {sides}, and the less is its limit of both"
-    if smaller == 0.0:
+    if larger_effort == 0.0:
         return None, ""
-    return smaller, ""
+    if smaller_effort == 0.0:
+        note = f"is driven to one side only, by up to {number(larger_effort)}, and its limit is that of both"
+        return larger_effort, note
+    if smaller_effort < (1 - _MAX_DIFFERENCE_OF_SIDES) * larger_effort:
+        sides = f"{number(smaller_effort)} to one side and {number(larger_effort)} to the other"
+        return smaller_effort, f"gives {sides}, and the less is its limit of both"
+    return smaller_effort, ""
 
 
 def _add_losses(builder: ModelBuilder, drives: Drives, actuator: Element, gear: float, joint: MjcfJoint | None) -> None:
-    """Add armature and damping of an actuator at its joint, by gear squared; None for an actuator without a joint."""
+    """Add armature and damping of an actuator at its joint, by gear squared; ``joint`` is None for an actuator without one."""
     for kind, sum_by_joint in (("armature", drives.armature), ("damping", drives.damping)):
-        linear, *higher = actuator.floats(kind, _ZERO_POLYNOMIAL)
-        if not linear and not any(higher):
+        coefficient, *higher_coefficients = actuator.floats(kind, _ZERO_POLYNOMIAL)
+        if not coefficient and not any(higher_coefficients):
             continue
         if joint is None or not joint.single:
             builder.note(actuator, f"has a {kind} that is left out")
             continue
-        if any(higher):
+        if any(higher_coefficients):
             builder.note(actuator, LEFT_OUT["actuator/damping"])
-        sum_by_joint[joint.name] += gear**2 * linear
+        sum_by_joint[joint.name] += gear**2 * coefficient
 
 
 def _force_range(actuator: Element, settings: Settings) -> Array:
@@ -162,15 +166,17 @@ def _force_range(actuator: Element, settings: Settings) -> Array:
     kind = actuator.attributes.get(SHORTCUT)
     if kind in (None, "orientation"):
         return UNKNOWN_RANGE
-    is_general_gain = kind == "general" and all(
-        actuator.attributes.get(name, default) in ("fixed", "none") for name, default in _GAIN_ONLY_TYPES.items()
-    )
-    force_range = UNKNOWN_RANGE
-    if (kind == "motor" or is_general_gain) and has_active_range(actuator, "ctrllimited", "ctrlrange", settings):
-        gain = 1.0 if kind == "motor" else actuator.floats("gainprm", (1.0, *([0.0] * 9)))[0]
-        force_range = np.sort(gain * _numbers_of_range(actuator, "ctrlrange"))  # a negative gain exchanges the sides
     if kind == "dcmotor" and "saturation" in actuator.attributes:  # takes the place of a force range
         return _saturation_range(actuator)
+    types = [actuator.attributes.get(name, default) for name, default in _GAIN_ONLY_TYPES.items()]
+    has_gain_only = kind == "motor" or (kind == "general" and all(t in ("fixed", "none") for t in types))
+    force_range = UNKNOWN_RANGE
+    if has_gain_only and has_active_range(actuator, "ctrllimited", "ctrlrange", settings):
+        gain = 1.0
+        if kind == "general":
+            gain, *_ = actuator.floats("gainprm", (1.0, *([0.0] * 9)))
+        control_range = _numbers_of_range(actuator, "ctrlrange")
+        force_range = np.sort(gain * control_range)  # a negative gain exchanges the sides
     if has_active_range(actuator, "forcelimited", "forcerange", settings):
         lower, upper = _numbers_of_range(actuator, "forcerange")
         return np.clip(force_range, lower, upper)
@@ -178,23 +184,22 @@ def _force_range(actuator: Element, settings: Settings) -> Array:
 
 
 def _saturation_range(actuator: Element) -> Array:
-    """Range of the torque of a ``dcmotor``, to the largest torque or to its constant times the largest current.
+    """Range of the torque of a ``dcmotor`` (2,), by its largest torque, or by its constant times its largest current.
 
-    A torque or current of zero is not given in the file.
+    Zero stands for a torque or a current that is not given. The range is infinite if neither is given.
     """
-    torque, current, _ = actuator.floats("saturation", (0.0, 0.0, 0.0))
-    largest = torque
-    if torque == 0:
-        largest = _motor_constant(actuator) * current
-    if largest == 0:
+    max_torque, max_current, _ = actuator.floats("saturation", (0.0, 0.0, 0.0))
+    if max_torque == 0:
+        max_torque = _motor_constant(actuator) * max_current
+    if max_torque == 0:
         return UNKNOWN_RANGE
-    return np.array([-largest, largest])
+    return np.array([-max_torque, max_torque])
 
 
 def _motor_constant(actuator: Element) -> float:
-    """Constant K of a ``dcmotor`` [N m/A]: geometric mean of the torque and the back-EMF constant; 0 if unknown.
+    """Constant K of a ``dcmotor`` [N m/A]: geometric mean of its torque constant and its back-EMF constant; 0 if unknown.
 
-    The two are equal in SI units. Zero means "not given"; if one of them is missing, K is the other one.
+    The two constants are equal in SI units. Zero stands for a constant that is not given; K is then the other one.
     """
     torque_constant, back_emf_constant = actuator.floats("motorconst", (0.0, 0.0))
     voltage, _, no_load_speed = actuator.floats("nominal", (0.0, 0.0, 0.0))
@@ -209,13 +214,15 @@ def _motor_constant(actuator: Element) -> float:
 def _add_motor(
     builder: ModelBuilder, drives: Drives, actuator: Element, gear: float, joint: str, largest_torque: float
 ) -> None:
-    """Add the motor of a ``dcmotor`` and its friction; ``largest_torque`` is the one to either side [N m]."""
+    """Add the motor of a ``dcmotor`` and its friction; the motor gives ``largest_torque`` [N m] to both sides."""
     if joint in drives.motors:
         builder.note(actuator, "is a second motor of its joint, whose electrical data are left out")
         return
-    if actuator.floats("cogging", (0.0, 0.0, 0.0))[0]:
+    cogging_amplitude, *_ = actuator.floats("cogging", (0.0, 0.0, 0.0))
+    if cogging_amplitude:
         builder.note(actuator, "has a cogging torque, which is left out")
-    resistances_and_capacity = actuator.floats("thermal", (0.0,) * 6)[:3]
+    thermal_values = actuator.floats("thermal", (0.0,) * 6)
+    resistances_and_capacity = thermal_values[:3]
     if any(resistances_and_capacity):
         builder.note(actuator, "has a thermal model, which is left out: the resistance is that of the cold motor")
     friction = _lugre_friction(builder, actuator, gear)
@@ -225,14 +232,14 @@ def _add_motor(
         return
     # In all these attributes, zero means "not given".
     voltage, stall_torque, _ = actuator.floats("nominal", (0.0, 0.0, 0.0))
-    resistance = actuator.floats("resistance", (0.0,))[0]
+    (resistance,) = actuator.floats("resistance", (0.0,))
     if resistance == 0 and stall_torque != 0:
         resistance = constant * voltage / stall_torque
     inductance, time_constant = actuator.floats("inductance", (0.0, 0.0))
     if inductance == 0:
         inductance = time_constant * resistance
     if voltage == 0:
-        voltage = actuator.floats("controller", (0.0,) * 6)[5]
+        *_, voltage = actuator.floats("controller", (0.0,) * 6)
     if voltage == 0:
         voltage = math.inf
     motor = Motor(constant, resistance, inductance, voltage=voltage, current_peak=largest_torque / constant)
@@ -266,7 +273,8 @@ def _numbers_of_range(element: Element, attribute: str) -> Array:
 
 ROWS = {"connect": "vx vy vz", "weld": "wx wy wz vx vy vz"}
 """Components of the relative velocity that each kind of equality prevents."""
-_SITES = ("site1", "site2")
+_SITE_ATTRIBUTES = ("site1", "site2")
+"""Attributes of an equality between two sites."""
 
 
 def constraints_of(root: Element, defaults: Defaults) -> list[Element]:
@@ -278,9 +286,9 @@ def constraints_of(root: Element, defaults: Defaults) -> list[Element]:
 def mimics(
     builder: ModelBuilder, constraints: Sequence[Element], joints: Mapping[str, MjcfJoint], kept: Set[str]
 ) -> dict[str, Mimic]:
-    """Joints that follow another by a constant ratio, q1 - q1_ref = c0 + c1 (q2 - q2_ref); notes on the others.
+    """Leader, ratio and offset of each joint that follows another: q1 - q1_ref = c0 + c1 (q2 - q2_ref).
 
-    ``kept`` are the joints of the model.
+    Other equalities of joints are noted. ``kept`` are the joints of the model.
     """
     mimics: dict[str, Mimic] = {}
     for constraint in constraints:
@@ -294,13 +302,13 @@ def mimics(
                 raise constraint.error(f"names {name!r}, which is not a hinge or slide.")
         if not names <= kept:
             continue
-        c0, c1, *higher = constraint.floats("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
+        c0, c1, *higher_coefficients = constraint.floats("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
         if not leader:
             position = printed(joints[follower].reference + c0)
             builder.note(constraint, f"holds joint {follower!r} at {position}, which is left out: lock it")
-        elif any(higher) or c1 == 0:
+        elif any(higher_coefficients) or c1 == 0:
             builder.note(constraint, "makes a joint follow another by a polynomial, which is left out")
-        elif follower in mimics or follower in _leaders(leader, mimics):  # the latter would close a circle
+        elif follower in mimics or follower in _leaders(leader, mimics):  # a leader that follows would close a circle
             builder.note(constraint, "is a second rule for its joints, which is left out")
         else:
             offset = joints[follower].reference + c0 - c1 * joints[leader].reference
@@ -312,7 +320,7 @@ def _leaders(name: str, mimics: Mapping[str, Mimic]) -> set[str]:
     """Names of a joint and of all joints that it follows, directly or through others."""
     leaders = {name}
     while name in mimics:
-        name = mimics[name][0]
+        name, _, _ = mimics[name]
         leaders.add(name)
     return leaders
 
@@ -326,9 +334,9 @@ def add_closures(
 ) -> None:
     """Offer each loop as two coincident frames.
 
-    ``poses`` are those of all bodies at the file's positions, ``kept`` the numbers of the bodies in the model.
+    ``poses`` are the poses of all bodies at the file's positions. ``kept`` are the numbers of the bodies in the model.
     """
-    numbers = {body.name: number for number, body in enumerate(bodies)}
+    body_numbers = {body.name: number for number, body in enumerate(bodies)}
     for k, constraint in enumerate(constraints):
         if constraint.tag == "joint":
             continue
@@ -337,28 +345,28 @@ def add_closures(
             continue
         name = constraint.attributes.get("name", "").strip() or f"{constraint.tag}{k}"
         if "site1" in constraint.attributes:
-            a, b = (_read_site_name(builder, constraint.text(attribute)) for attribute in _SITES)
-            if not a or not b:
+            frame_a, frame_b = (_read_site_name(builder, constraint.text(attribute)) for attribute in _SITE_ATTRIBUTES)
+            if not frame_a or not frame_b:
                 continue
         else:
-            i = _body_number(constraint, "body1", numbers)
-            j = _body_number(constraint, "body2", numbers)
-            if i not in kept or j not in kept:
+            a = _body_number(constraint, "body1", body_numbers)
+            b = _body_number(constraint, "body2", body_numbers)
+            if a not in kept or b not in kept:
                 continue
-            first, second = bodies[i].name, bodies[j].name
-            T_first, T_second = _coincident_frames(constraint, poses[i], poses[j])
-            a = builder.add_site(f"{name}:{first}", first, T_first, where=constraint.place)
-            b = builder.add_site(f"{name}:{second}", second, T_second, where=constraint.place)
+            name_a, name_b = bodies[a].name, bodies[b].name
+            T_a, T_b = _coincident_frames(constraint, poses[a], poses[b])
+            frame_a = builder.add_site(f"{name}:{name_a}", name_a, T_a, where=constraint.place)
+            frame_b = builder.add_site(f"{name}:{name_b}", name_b, T_b, where=constraint.place)
         rows = ROWS[constraint.tag]
-        builder.add_closure(name, OfferedClosure(a, b, rows))
-        builder.remark(f"{constraint} is left open: robot.close({a!r}, {b!r}, {rows!r}) closes it")
+        builder.add_closure(name, OfferedClosure(frame_a, frame_b, rows))
+        builder.remark(f"{constraint} is left open: robot.close({frame_a!r}, {frame_b!r}, {rows!r}) closes it")
 
 
 def _read_site_name(builder: ModelBuilder, name: str) -> str:
     """Name of a site in the model, which may have a prefix there; empty if it was not read."""
-    for site in (f"site:{name}", name):
-        if site in builder.site_names:
-            return site
+    for model_name in (f"site:{name}", name):
+        if model_name in builder.site_names:
+            return model_name
     return ""
 
 
@@ -371,9 +379,9 @@ def _body_number(constraint: Element, attribute: str, numbers: Mapping[str, int]
 
 
 def _coincident_frames(constraint: Element, T_1: Array, T_2: Array) -> tuple[Array, Array]:
-    """Frames that coincide, one in each body, for poses T_1 and T_2 of the bodies in the file.
+    """Poses of two coincident frames, one in each body, for poses T_1 and T_2 of the bodies in the file.
 
-    The anchor of "connect" is given in body 1, that of "weld" in body 2.
+    The file gives the anchor of "connect" in body 1, and the anchor of "weld" in body 2.
     """
     T_12 = se3.inverse(T_1) @ T_2
     if constraint.tag == "connect":
@@ -381,9 +389,8 @@ def _coincident_frames(constraint: Element, T_1: Array, T_2: Array) -> tuple[Arr
         return anchor, se3.inverse(T_12) @ anchor
     *position, w, x, y, z = constraint.floats("relpose", (0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     anchor = se3.pose(np.eye(3), constraint.floats("anchor", (0.0, 0.0, 0.0)))
-    if any(
-        (w, x, y, z)
-    ):  # the pose of the anchor in body 1 is given; a quaternion of zeros stands for the file's poses
+    is_pose_given = any((w, x, y, z))  # of the anchor in body 1; else the bodies keep the file's poses
+    if is_pose_given:
         return se3.pose(quaternion.rotation([w, x, y, z]), position), anchor
     return T_12 @ anchor, anchor
 
@@ -397,8 +404,9 @@ def add_tendons(
         if child.tag == "fixed":
             _add_fixed_tendon(builder, tendon, joints, kept)
         elif child.tag == "spatial":
-            forces = [tendon.floats(attribute, _ZERO_POLYNOMIAL) for attribute in ("stiffness", *_LOSS_ATTRIBUTES)]
-            if np.any(forces):
+            attributes = ("stiffness", *_LOSS_ATTRIBUTES)
+            coefficients = [tendon.floats(attribute, _ZERO_POLYNOMIAL) for attribute in attributes]
+            if np.any(coefficients):
                 builder.note(child, "is a spatial tendon, whose forces and inertia are left out")
 
 
@@ -413,18 +421,21 @@ def _add_fixed_tendon(builder: ModelBuilder, tendon: Element, joints: Mapping[st
     for loss in _LOSS_ATTRIBUTES:
         if any(tendon.floats(loss, _ZERO_POLYNOMIAL)):
             builder.note(tendon, f"has a {loss}, which is left out")
-    stiffness, *higher = tendon.floats("stiffness", _ZERO_POLYNOMIAL)
-    if any(higher):
+    stiffness, *higher_coefficients = tendon.floats("stiffness", _ZERO_POLYNOMIAL)
+    if any(higher_coefficients):
         builder.note(tendon, LEFT_OUT["tendon/stiffness"])
-    if any(higher) or not stiffness:
         return
-    if tendon.floats("springyield", (0.0,))[0]:
+    if not stiffness:
+        return
+    (yield_force,) = tendon.floats("springyield", (0.0,))
+    if yield_force:
         builder.note(tendon, LEFT_OUT["tendon/springyield"])
     shortest, longest = tendon.floats("springlength", (-1.0, -1.0))  # lengths without a force
     if len(tendon.attributes.get("springlength", "").split()) == 1:
         longest = shortest
     if shortest == -1.0:  # MuJoCo's sign for the length at rest
-        shortest = longest = sum(coefficient * joints[name].rest for name, coefficient in coefficients.items())
+        shortest = sum(coefficient * joints[name].rest for name, coefficient in coefficients.items())
+        longest = shortest
     if shortest != longest:
         builder.note(tendon, "is a spring that is slack over a range of lengths, and is left out")
     elif coefficients.keys() <= kept:

@@ -39,8 +39,9 @@ class _SdfWriter:
         self.root = new("sdf", version=_version(parts))
         self.model = Element("model", {"name": parts.name}, 0, self.root)
         self.names_in_use = {WORLD}
-        # Joints get their names before links, so that they rather keep them: motions name joints.
+        # Joints are named before links: of two equal names the first is kept, and motions name joints.
         self.joint_names = {joint.name: self._name("joint", joint.name) for joint in parts.joints if not joint.fixed}
+        """Name in the file of each joint of the model that is not fixed."""
         self.link_names: dict[str, str] = {}
         """Name in the file of each link of the model."""
         fixed_to_world = parts.root == WORLD and not parts.floating
@@ -50,10 +51,10 @@ class _SdfWriter:
             else:
                 self.link_names[name] = self._name("link", name)
         self.carriers = {parts.root: parts.root}
-        """Written link for each link of the model: itself, or the link to which it is attached as a frame."""
+        """Link in the file that carries each link of the model: itself, or the link to which it is attached as a frame."""
 
     def write(self) -> RobotDocument:
-        """Links with their joints, depth first, then frames."""
+        """Text of links with their joints, depth first, then of frames, and what it cannot represent."""
         parts = self.parts
         world = self.root
         if not np.array_equal(parts.gravity, GRAVITY):
@@ -65,25 +66,27 @@ class _SdfWriter:
             self._add_joint(entry)
         self._add_sites()
         self._note_others()
-        if "drake:rotor_inertia" in {element.tag for element in self.model.walk()}:
+        tags = {element.tag for element in self.model.walk()}
+        if "drake:rotor_inertia" in tags:
             self.root.attributes["xmlns:drake"] = "http://drake.mit.edu"
         return RobotDocument(xml_text(self.root), tuple(self.losses.found))
 
     def _add_sites(self) -> None:
-        """Frames of sites. A frame cannot belong to the world; it then belongs to a link that is fixed to the world."""
+        """Add a frame for each site. Frames cannot belong to the world: a link that is fixed to it takes its sites."""
         parts = self.parts
-        fixed_joints = [joint for joint in parts.joints if joint.fixed and joint.parent == parts.root]
+        joints_to_root = (joint for joint in parts.joints if joint.fixed and joint.parent == parts.root)
+        joint_to_world = next(joints_to_root, None)
         for site in parts.additions.sites.values():
             if self.link_names[site.link] != WORLD:
                 self._frame(self._name("site", site.name), site.link, site.pose)
-            elif fixed_joints:
-                T = np.asarray(se3.inverse(fixed_joints[0].placement) @ site.pose)
-                self._frame(self._name("site", site.name), fixed_joints[0].child, T)
+            elif joint_to_world is not None:
+                T = np.asarray(se3.inverse(joint_to_world.placement) @ site.pose)
+                self._frame(self._name("site", site.name), joint_to_world.child, T)
             else:
                 self.losses.note("site", site.name, "stands in the world, and is left out")
 
     def _name(self, kind: str, name: str) -> str:
-        """Name in the file of a part: without ``::``, which separates models, and unlike those of all other parts."""
+        """Name in the file of a part: without ``::``, which separates models, and unlike the names of all other parts."""
         unique = unused(name.replace("::", "."), self.names_in_use)
         if unique != name:
             self.losses.note(kind, name, f"is written as {unique!r}: the format keeps its name for others")
@@ -99,15 +102,17 @@ class _SdfWriter:
         if not parts.floating:
             self._joint(self._name("joint", f"{parts.root}.fixed"), "fixed", WORLD, parts.root)
             return
-        if any(drive_of(parts, ROOT_JOINT, self.losses)):
+        root_drive = drive_of(parts, ROOT_JOINT, self.losses)
+        if any(root_drive):
             self.losses.note_joint(ROOT_JOINT, "has damping, friction or armature, which the format cannot represent")
 
     def _add_joint(self, entry: JointEntry) -> None:
+        """Add a joint and its child; a fixed child without mass becomes a frame."""
         kind = entry.joint.kind
         carrier = self.carriers[entry.parent]
-        massless = not self.parts.links[entry.child].inertia.parameters.any()
-        # A frame cannot belong to the world: there, a link stays a link.
-        if entry.fixed and self.link_names[carrier] != WORLD and massless:
+        is_massless = not self.parts.links[entry.child].inertia.parameters.any()
+        carrier_is_world = self.link_names[carrier] == WORLD  # a frame cannot belong to the world
+        if entry.fixed and is_massless and not carrier_is_world:
             self.carriers[entry.child] = carrier
             self._frame(self.link_names[entry.child], entry.parent, entry.placement)
             return
@@ -128,20 +133,23 @@ class _SdfWriter:
             self._drive(entry.name, joint, None)
 
     def _add_floating(self, entry: JointEntry) -> None:
-        if self.link_names[entry.parent] != WORLD or not np.array_equal(entry.placement, np.eye(4)):
+        """Add the child of a floating joint, as a link without a joint. Raises ModelError unless it floats from the world."""
+        is_at_world = self.link_names[entry.parent] == WORLD and np.array_equal(entry.placement, np.eye(4))
+        if not is_at_world:
             raise ModelError(
                 f"joint {entry.name!r} floats away from the world's origin, and SDF has no joint for that. Lock it."
             )
         self._link(entry.child, None, np.eye(4))
-        drive_of(self.parts, entry.name, self.losses)
+        drive_of(self.parts, entry.name, self.losses)  # only for its notes
         if entry.name != ROOT_JOINT:
             self.losses.note_joint(
                 entry.name, "floats, which the format expresses by the absence of a joint: its name is lost"
             )
 
     def _add_planar(self, entry: JointEntry) -> None:
-        w = entry.joint.axes[0, :3]
-        e1, e2 = entry.joint.axes[1:, 3:]
+        """Add a planar joint as two sliding joints and a turning one, with links without mass between them."""
+        w = entry.joint.axes[0, :3]  # normal of the plane, about which the joint turns
+        e1, e2 = entry.joint.axes[1:, 3:]  # directions of x and y in the plane
         parent = entry.parent
         carrier = self.link_names[self.carriers[entry.parent]]
         T = entry.placement
@@ -152,7 +160,8 @@ class _SdfWriter:
                 self.link_names[child] = self._name("link", child)
                 self.carriers[child] = child
             self._link(child, parent, T)
-            joint = self._joint(self._name("joint", f"{entry.name}.{letter}"), kind, carrier, child)
+            name = self._name("joint", f"{entry.name}.{letter}")
+            joint = self._joint(name, kind, carrier, child)
             self._drive(entry.name, joint, self._axis(joint, direction))
             parent = child
             carrier = self.link_names[child]
@@ -163,12 +172,15 @@ class _SdfWriter:
         )
 
     def _add_screw(self, name: str, entry: JointEntry, parent: str) -> None:
-        screw, limits = screw_of(entry), entry.limits
+        """Add the element of a joint about or along one axis; ``parent`` is the link's name in the file."""
+        screw = screw_of(entry)
+        limits = entry.limits
+        has_position_limit = bool(np.isfinite([limits.lower[0], limits.upper[0]]).any())
         if screw.pitch:
             kind = "screw"
         elif not screw.turns:
             kind = "prismatic"
-        elif np.isfinite([limits.lower[0], limits.upper[0]]).any():  # a position limit
+        elif has_position_limit:
             kind = "revolute"
         else:
             kind = "continuous"
@@ -181,11 +193,14 @@ class _SdfWriter:
         if entry.mimic is not None:
             leader, ratio, offset = entry.mimic
             mimic = new("mimic", element, joint=self.joint_names[leader])
-            for tag, value in (("multiplier", ratio), ("offset", offset), ("reference", 0.0)):
-                new(tag, mimic, figures(value))
+            new("multiplier", mimic, figures(ratio))
+            new("offset", mimic, figures(offset))
+            new("reference", mimic, figures(0.0))
         limit = new("limit", element)
-        new("lower", limit, figures(max(limits.lower[0], -_NO_LIMIT)))
-        new("upper", limit, figures(min(limits.upper[0], _NO_LIMIT)))
+        lower = max(limits.lower[0], -_NO_LIMIT)
+        upper = min(limits.upper[0], _NO_LIMIT)
+        new("lower", limit, figures(lower))
+        new("upper", limit, figures(upper))
         for tag, value in (("effort", limits.effort[0]), ("velocity", limits.velocity[0])):
             if np.isfinite(value):
                 new(tag, limit, figures(value))
@@ -197,13 +212,15 @@ class _SdfWriter:
         drive = drive_of(self.parts, name, self.losses)
         dynamics_values = {"damping": drive.damping, "friction": drive.friction}
         for spring in self.parts.additions.springs:
-            (spring_joint, weight), *further_terms = spring.terms
-            if axis is not None and spring_joint == name and not further_terms:
-                if "spring_stiffness" in dynamics_values:
-                    self.losses.note_joint(name, "has a second spring, which is left out")
-                    continue
-                dynamics_values["spring_reference"] = spring.rest / weight
-                dynamics_values["spring_stiffness"] = spring.stiffness * weight**2
+            (spring_joint, weight), *other_terms = spring.terms
+            is_of_this_joint_alone = spring_joint == name and not other_terms
+            if axis is None or not is_of_this_joint_alone:
+                continue
+            if "spring_stiffness" in dynamics_values:
+                self.losses.note_joint(name, "has a second spring, which is left out")
+                continue
+            dynamics_values["spring_reference"] = spring.rest / weight
+            dynamics_values["spring_stiffness"] = spring.stiffness * weight**2
         if any(dynamics_values.values()):
             if axis is None:
                 owner = self._axis(joint, np.array([0.0, 0.0, 1.0]))  # any axis: a ball joint has none
@@ -222,17 +239,20 @@ class _SdfWriter:
             self.losses.note_joint(name, "has an armature, which the format cannot represent")
 
     def _joint(self, name: str, kind: str, parent: str, child: str) -> Element:
+        """New element of a joint; ``name`` and ``parent`` are names in the file, ``child`` the name in the model."""
         joint = new("joint", self.model, name=name, type=kind)
         new("parent", joint, parent)
         new("child", joint, self.link_names[child])
         return joint
 
     def _axis(self, joint: Element, direction: Array) -> Element:
+        """New element of a joint's axis."""
         axis = new("axis", joint)
         new("xyz", axis, figures(direction))
         return axis
 
     def _link(self, name: str, parent: str | None, T: Array) -> None:
+        """Add a link at the pose T (4, 4) in its parent; None stands for the model's frame."""
         link = new("link", self.model, name=self.link_names[name])
         self._pose(link, parent, T)
         entry = self.parts.links.get(name)
@@ -248,10 +268,12 @@ class _SdfWriter:
             new(tag, tensor, figures(value))
 
     def _frame(self, name: str, link: str, T: Array) -> None:
+        """Add a frame at the pose T (4, 4) in a link of the model."""
         frame = new("frame", self.model, name=name, attached_to=self.link_names[link])
         self._pose(frame, None, T)
 
     def _pose(self, element: Element, parent: str | None, T: Array) -> None:
+        """Add the pose of an element, relative to ``parent`` if that is a link other than the world."""
         attributes = {}
         if parent and self.link_names[parent] != WORLD:
             attributes["relative_to"] = self.link_names[parent]
@@ -259,6 +281,7 @@ class _SdfWriter:
             new("pose", element, figures([*T[:3, 3], *rpy_of_rotation(T[:3, :3])]), **attributes)
 
     def _note_others(self) -> None:
+        """Note the loss of springs between several joints, and of what only MJCF can represent."""
         for spring in self.parts.additions.springs:
             if len(spring.terms) > 1:
                 joints = ", ".join(repr(joint) for joint, _ in spring.terms)
@@ -270,7 +293,7 @@ def _version(parts: ModelParts) -> str:
     """The oldest version of the format that has every element which the model needs."""
     if any(joint.mimic is not None for joint in parts.joints):
         return "1.11"
-    screw_joints = (joint for joint in parts.joints if joint.joint.nv == 1)
-    if any(screw_of(joint).pitch for joint in screw_joints):
+    joints_of_one_degree = (joint for joint in parts.joints if joint.joint.nv == 1)
+    if any(screw_of(joint).pitch for joint in joints_of_one_degree):
         return "1.10"
     return "1.8"

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..parameters import BaseParameters
 
 _MOTION_STATES = 200
-"""Number of states of another motion."""
+"""Number of states of the other motion whose torques are predicted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +76,16 @@ class FittedLog:
         return np.concatenate([log.q for log in self.logs])
 
     def joints(self, indices: Iterable[int]) -> list[str]:
-        """Names of some joints."""
+        """Names of the joints with the given indices."""
         return [self.names[k] for k in indices]
 
     def first_parameters(self, groups: Iterable[int]) -> str:
-        """Names of the first parameters of some groups, separated by semicolons."""
+        """Names of the first parameters of the groups with the given indices, separated by semicolons."""
         return "; ".join(self.base.names[k].split(" ")[0] for k in groups)
 
     @cached_property
     def other_motion(self) -> Array:
-        """(n, nv, r) columns of another motion, as fast as the logs and as wide as the limits."""
+        """(n, nv, r) columns of the groups for random states, as fast as the logs and as wide as the limits."""
         rng = np.random.default_rng(0)
         low, high = _position_ranges(self.base.unknown.robot, self.q)
         q = rng.uniform(low, high, (_MOTION_STATES, self.q.shape[1]))
@@ -95,11 +95,14 @@ class FittedLog:
 
     @cached_property
     def torque_shares(self) -> Array:
-        """(nv, r) changes of another motion's torques by a deviation of each group, as shares of a joint's torque (rms)."""
+        """(nv, r) rms changes of another motion's torques by a deviation of each group, as shares of a joint's rms torque.
+
+        They are 0 for joints without a torque, and for groups that are held at known values.
+        """
         W = self.other_motion
-        torques = np.sqrt(((W @ self.x) ** 2).mean(axis=0))
-        changes = np.sqrt((W**2).mean(axis=0)) * self.deviations
-        shares = changes / np.maximum(torques, 1e-300)[:, None]
+        rms_torques = np.sqrt(((W @ self.x) ** 2).mean(axis=0))
+        rms_changes = np.sqrt((W**2).mean(axis=0)) * self.deviations
+        shares = rms_changes / np.maximum(rms_torques, 1e-300)[:, None]  # 1e-300: also without any torque
         return np.asarray(np.where(self.dead[:, None] | self.base.held, 0.0, shares))
 
 
@@ -111,15 +114,16 @@ def rms(x: Array) -> Array:
 def _position_ranges(robot: Robot, q: Array) -> tuple[Array, Array]:
     """Lowest and highest positions (nv,) of another motion.
 
-    They are the limits, but at most half a turn from zero, and at least the log's range. A joint without limits or motion has
-    the log's range.
+    They are the limits, but at most half a turn from zero, and at least the range of the log's positions q (n, nq). A joint
+    without limits or motion has the log's range.
     """
-    low, high = q.min(axis=0), q.max(axis=0)
+    log_low = q.min(axis=0)
+    log_high = q.max(axis=0)
     half_turn = np.where(turning_joints(robot.model), np.pi, np.inf)
-    lower, upper = np.maximum(robot.limits.lower, -half_turn), np.minimum(robot.limits.upper, half_turn)
+    lower = np.maximum(robot.limits.lower, -half_turn)
+    upper = np.minimum(robot.limits.upper, half_turn)
     has_limits = np.isfinite(lower) & np.isfinite(upper)
-    is_extended = (high > low) & has_limits
-    return (
-        np.where(is_extended, np.minimum(lower, low), low),
-        np.where(is_extended, np.maximum(upper, high), high),
-    )
+    is_extended = (log_high > log_low) & has_limits
+    low = np.where(is_extended, np.minimum(lower, log_low), log_low)
+    high = np.where(is_extended, np.maximum(upper, log_high), log_high)
+    return low, high

@@ -20,10 +20,12 @@ from ...shapes.capsules import MARGIN, CapsuleDistances, Pullback
 
 Clear = Callable[[Array], Array]
 """Function of the user: distances (n, ...) [m] at configurations (n, nq), below 0 in contact."""
-_CLEARANCE_SIZE = 0.1  # size of the edges of distances [m]
+_CLEARANCE_SIZE = 0.1
+"""Size of the edges of distances [m]."""
 MAX_CHECK_STEP = 0.01
 """Maximum step at which clearances are finally checked [s]."""
-_POSITION_STEP = 1e-5  # step of finite differences of the user's distances [rad, m]
+_POSITION_STEP = 1e-5
+"""Step of the finite differences of the user's distances [rad, m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,32 +36,33 @@ class TrajectoryConstraints:
     bounds: Limits  # limits of the motion
     friction_speed: Array  # (nv,), Coulomb smoothing speed for the smooth torques
     capsules: CapsuleDistances  # distances from the floor and between links
-    clear: Clear | None = None
+    clear: Clear | None = None  # the user's distances
 
     @cached_property
     def _edges(self) -> tuple[int, Array, Array, Array]:
-        """Number of upper edges, and for all edges, upper ones first: column of x, share at x = 0 and slope, (e,) each.
+        """Number of upper edges; then for all edges, upper ones first: column of x, share at x = 0 and slope, (e,) each.
 
         The share of an edge is linear in x: (high - x) / size or (x - low) / size. The columns of x are positions,
         velocities, accelerations, torques and distances.
         """
         b = self.bounds
-        half_range = (b.upper - b.lower) / 2.0
+        half_ranges = (b.upper - b.lower) / 2.0
         neutral_distances, _ = self._clearances(self.robot.neutral[None])
         margins = np.full(neutral_distances.shape[1], MARGIN)
         margins[self.capsules.count :] = 0.0  # the user's distances may reach 0
         margins[: len(self.capsules.margins)] = self.capsules.margins
-        symmetric = np.concatenate([b.velocity, b.acceleration, b.effort])  # bounds on either side of 0
-        high = np.concatenate([b.upper, symmetric, np.full(len(margins), np.inf)])
-        low = np.concatenate([b.lower, -symmetric, margins])
-        position_size = np.where(np.isfinite(half_range), half_range, 1.0)
-        size = np.concatenate([position_size, symmetric, np.full(len(margins), _CLEARANCE_SIZE)])
-        upper_edges, lower_edges = np.flatnonzero(np.isfinite(high)), np.flatnonzero(np.isfinite(low))
-        columns = np.concatenate([upper_edges, lower_edges])
-        signs = np.repeat([-1.0, 1.0], [len(upper_edges), len(lower_edges)])
-        slopes = signs / size[columns]
-        shares_at_0 = -slopes * np.concatenate([high[upper_edges], low[lower_edges]])
-        return len(upper_edges), columns, shares_at_0, slopes
+        symmetric_bounds = np.concatenate([b.velocity, b.acceleration, b.effort])  # on both sides of 0
+        high = np.concatenate([b.upper, symmetric_bounds, np.full(len(margins), np.inf)])
+        low = np.concatenate([b.lower, -symmetric_bounds, margins])
+        position_sizes = np.where(np.isfinite(half_ranges), half_ranges, 1.0)  # 1 rad or m without two limits
+        sizes = np.concatenate([position_sizes, symmetric_bounds, np.full(len(margins), _CLEARANCE_SIZE)])
+        upper_columns = np.flatnonzero(np.isfinite(high))
+        lower_columns = np.flatnonzero(np.isfinite(low))
+        columns = np.concatenate([upper_columns, lower_columns])
+        signs = np.repeat([-1.0, 1.0], [len(upper_columns), len(lower_columns)])
+        slopes = signs / sizes[columns]
+        shares_at_0 = -slopes * np.concatenate([high[upper_columns], low[lower_columns]])
+        return len(upper_columns), columns, shares_at_0, slopes
 
     def evaluate(self, states: Array, *, smooth: bool = False) -> tuple[Array, Pullback]:
         """Distances from all edges as shares of their sizes, negative if violated, and their derivatives.
@@ -67,12 +70,12 @@ class TrajectoryConstraints:
         Parameters
         ----------
         states : (3, n, nv) array, positions, velocities and accelerations
-        smooth : bool, use smooth dry friction at its largest value instead of the file's; the pullback always does
+        smooth : bool, use smooth dry friction at its largest value instead of the file's friction; the pullback always uses it
 
         Returns
         -------
         shares : (n, e) array
-        pullback : function that maps weights (n, e) to the derivative (3, n, nv) of the weighted sum by the states
+        pullback : function of weights (n, e) that returns the derivatives (3, n, nv) of the weighted sum by the states
         """
         q, dq, ddq = states
         nv = states.shape[2]
@@ -80,24 +83,24 @@ class TrajectoryConstraints:
         # with the file's friction, or without any: then it is added below
         rigid = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=not smooth))
         smooth_sign = np.tanh(dq / self.friction_speed)
-        dry = friction.static + friction.load * np.abs(rigid)
+        dry_friction = friction.static + friction.load * np.abs(rigid)
         tau = rigid
         if smooth:
-            tau = rigid + friction.viscous * dq + dry * smooth_sign
+            tau = rigid + friction.viscous * dq + dry_friction * smooth_sign
         distances, distance_pullback = self._clearances(q)
         upper_count, columns, shares_at_0, slopes = self._edges
         x = np.concatenate([q, dq, ddq, tau, distances], axis=1)
 
         def pullback(weights: Array) -> Array:
             by_x = np.zeros_like(x)
-            scaled = weights * slopes
-            by_x[:, columns[:upper_count]] = scaled[:, :upper_count]
-            by_x[:, columns[upper_count:]] += scaled[:, upper_count:]
+            edge_slopes = weights * slopes
+            by_x[:, columns[:upper_count]] = edge_slopes[:, :upper_count]  # each column has one edge of a kind at most
+            by_x[:, columns[upper_count:]] += edge_slopes[:, upper_count:]
             by_q, by_dq, by_ddq, by_tau, by_distances = np.split(by_x, [nv, 2 * nv, 3 * nv, 4 * nv], axis=1)
             by_rigid = by_tau * (1.0 + friction.load * np.sign(rigid) * smooth_sign)
             by_states = np.stack([by_q, by_dq, by_ddq]) + self.robot.inverse_dynamics_gradient(q, dq, ddq, by_rigid)
             by_states[0] += distance_pullback(by_distances)
-            by_states[1] += by_tau * (friction.viscous + dry * (1.0 - smooth_sign**2) / self.friction_speed)
+            by_states[1] += by_tau * (friction.viscous + dry_friction * (1.0 - smooth_sign**2) / self.friction_speed)
             return np.asarray(by_states)
 
         return shares_at_0 + slopes * x[:, columns], pullback
@@ -108,7 +111,7 @@ class TrajectoryConstraints:
         return float(shares.min(initial=np.inf))
 
     def _clearances(self, q: Array) -> tuple[Array, Pullback]:
-        """Distances of the capsules and those of ``clear`` [m], and their pullback by central differences."""
+        """Distances (n, k) [m] of the capsules, then of ``clear``, and the pullback of both; of ``clear`` by differences."""
         capsule_distances, capsule_pullback = self.capsules.evaluate(q, MARGIN + _CLEARANCE_SIZE)
         if self.clear is None:
             return capsule_distances, capsule_pullback
@@ -120,8 +123,9 @@ class TrajectoryConstraints:
             if not user_weights.any():
                 return by_q
             for k, step in enumerate(_POSITION_STEP * np.eye(q.shape[1])):
-                slope = (self._user_distances(q + step) - self._user_distances(q - step)) / (2.0 * _POSITION_STEP)
-                by_q[:, k] += (slope * user_weights).sum(axis=1)
+                difference = self._user_distances(q + step) - self._user_distances(q - step)
+                slopes = difference / (2.0 * _POSITION_STEP)
+                by_q[:, k] += (slopes * user_weights).sum(axis=1)
             return by_q
 
         return np.concatenate([capsule_distances, self._user_distances(q)], axis=1), pullback
@@ -142,15 +146,15 @@ class TrajectoryConstraints:
 
 
 def half_and_middle(bounds: Limits) -> tuple[Array, Array]:
-    """Half the range of positions, and its middle; of joints without both limits, not finite."""
+    """Half the range of positions (nv,), and its middle (nv,); not finite for joints without both limits."""
     with np.errstate(invalid="ignore"):  # inf - inf
         return (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
 
 
 def shared_bounds(bounds: Limits, share: float) -> Limits:
-    """Limits times a share: of positions, about their middle, of velocities and of torques.
+    """Limits of positions (about their middle), velocities and torques times a share.
 
-    The limit of accelerations is the smaller of the limits of acceleration and deceleration.
+    Acceleration and deceleration both get the smaller of their limits, unchanged.
     """
     half, middle = half_and_middle(bounds)
     has_both = np.isfinite(half)

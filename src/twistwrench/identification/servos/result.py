@@ -23,14 +23,15 @@ from .output_error import MAX_WIDTH_DETERMINED, OutputErrorFit
 from .replay import QUANTITIES
 
 _MAX_WIDTH = 10.0
-"""Largest half width of a logarithm; a value that wide is unknown."""
+"""Largest half width of the interval of log(value); a value with this width is unknown."""
 NEGLIGIBLE_SHARE = 0.02
-"""Share of a joint's torque (rms) up to which a half width of damping or friction is negligible."""
+"""Half width of damping or friction, as a share of a joint's rms torque, up to which it is negligible."""
 _KP = QUANTITIES.index("kp")
+"""Index of kp among the values of a joint; it is the last one."""
 _FRICTION = {1: "damping", 2: "coulomb"}
 """Names of damping and friction by their index among the values of a joint."""
 RATIOS = tuple(f"{name}/kp" for name in QUANTITIES[:_KP])
-"""Names of the ratios to kp, in the order of the values; kp is the last value."""
+"""Names of the ratios to kp, in the order of the values."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,9 +66,9 @@ class IdentifiedServos(Answer):
     held_out: HeldOut
     """Error of replayed positions in rows that were not used, as shares of the tracking error c(t - δ) - q."""
     trained: HeldOut
-    """The same in the rows that were used."""
+    """Error of replayed positions in rows that were used, as shares of the tracking error."""
     sizes: Array
-    """(nv, 3) rms acceleration and speed, and 1: factors of armature, damping and Coulomb friction in the torque."""
+    """(nv, 3) factors of armature, damping and Coulomb friction in the torque: rms acceleration, rms speed, and 1."""
     live: Array
     """(nv,) bool, False for joints that do not move."""
     known: Mapping[str, float]
@@ -118,7 +119,8 @@ class IdentifiedServos(Answer):
     @property
     def delay_half_width(self) -> float:
         """Half width of the 95 % interval of the delay [s]."""
-        return self.fit.half_width(np.eye(len(self.fit.p))[-1])
+        delay_direction = np.eye(len(self.fit.p))[-1]
+        return self.fit.half_width(delay_direction)
 
     @property
     def ratios(self) -> dict[str, Array]:
@@ -126,10 +128,10 @@ class IdentifiedServos(Answer):
         return {name: self.values[:, k] / self.kp for k, name in enumerate(RATIOS)}
 
     def _half_widths(self, level: float = 0.95) -> dict[str, Array]:
-        """(nv,) half widths of logarithms, by name of the value or of its ratio to kp."""
+        """(nv,) half widths of logarithms of values and of ratios to kp, by name."""
         unit = np.eye(len(QUANTITIES))
         weights_by_name = dict(zip(QUANTITIES, unit, strict=True))
-        weights_by_name |= {name: unit[k] - unit[_KP] for k, name in enumerate(RATIOS)}
+        weights_by_name |= {name: unit[k] - unit[_KP] for k, name in enumerate(RATIOS)}  # log(x/kp) = log x - log kp
         return {name: self._half_widths_along(weights, level) for name, weights in weights_by_name.items()}
 
     def _half_widths_along(self, weights: Array, level: float) -> Array:
@@ -140,7 +142,7 @@ class IdentifiedServos(Answer):
         return np.array([self.fit.half_width(direction, level) for direction in directions])
 
     def relative(self, level: float = 0.95) -> dict[str, Array]:
-        """Half widths of the intervals of logarithms, which are relative half widths if they are small.
+        """Half widths of the intervals of logarithms; small ones are relative half widths of the values.
 
         Parameters
         ----------
@@ -207,8 +209,9 @@ class IdentifiedServos(Answer):
         has_torque = self.rms_torques > 0.0
         shares: dict[str, Array] = {}
         for k, name in _FRICTION.items():
+            torque_half_widths = half_widths[name] * torques[:, k]
             shares[name] = np.full(len(has_torque), np.inf)
-            np.divide(half_widths[name] * torques[:, k], self.rms_torques, out=shares[name], where=has_torque)
+            np.divide(torque_half_widths, self.rms_torques, out=shares[name], where=has_torque)
         return shares
 
     @property
@@ -232,17 +235,17 @@ class IdentifiedServos(Answer):
     @property
     def rms_torques(self) -> Array:
         """(nv,) rms torque of the servos [N m, sliding joints: N]: kp times the rms tracking error of used rows."""
-        return self.kp * np.sqrt(self.trained.sizes / max(1, self._rows))
+        return self.kp * np.sqrt(self.trained.sizes / max(1, self._row_count))
 
     @property
-    def _rows(self) -> int:
-        """Number of used rows."""
+    def _row_count(self) -> int:
+        """Number of used rows of all logs."""
         return sum(len(e) for e in self.fit.residuals)
 
     @cached_property
     def position_error(self) -> dict[str, float]:
         """Error of replayed positions in used rows, rms of each joint [rad, m]."""
-        rms = np.sqrt(self.trained.squares / max(1, self._rows))
+        rms = np.sqrt(self.trained.squares / max(1, self._row_count))
         return dict(zip(self.joints, rms.tolist(), strict=True))
 
     @cached_property
@@ -252,7 +255,8 @@ class IdentifiedServos(Answer):
         friction_by_drive: dict[str, dict[str, float]] = {}
         for name, coulomb in zip(model.drive_names, self.coulomb.tolist(), strict=True):
             friction_by_drive[name] = {"coulomb": coulomb}
-        return Robot(with_friction(replace(model, armature=self.armature.copy()), friction_by_drive))
+        model_with_armature = replace(model, armature=self.armature.copy())
+        return Robot(with_friction(model_with_armature, friction_by_drive))
 
     def write(
         self, path: str | Path | None = None, actuators: str | Path | None = None, *, force: bool = False
@@ -335,7 +339,8 @@ class IdentifiedServos(Answer):
 
     def _servo_to_dict(self, j: int) -> dict[str, Any]:
         """Values of a joint and their ratios to kp, with intervals."""
-        bounds, ratio_bounds = self.interval(), self.ratio_interval()
+        bounds = self.interval()
+        ratio_bounds = self.ratio_interval()
         servo: dict[str, Any] = {}
         for k, name in enumerate(QUANTITIES):
             servo[name] = {
@@ -344,8 +349,8 @@ class IdentifiedServos(Answer):
                 "determined": bool(self.determined[name][j]),
             }
         ratios: dict[str, Any] = {}
-        for name, of_joints in self.ratios.items():
-            ratios[name] = {"value": float(of_joints[j]), "interval": ratio_bounds[name][j].tolist()}
+        for name, ratio_by_joint in self.ratios.items():
+            ratios[name] = {"value": float(ratio_by_joint[j]), "interval": ratio_bounds[name][j].tolist()}
         return servo | {"ratios": ratios}
 
 

@@ -23,8 +23,11 @@ if TYPE_CHECKING:
 _MILLI = 1e3
 """Factor of seconds for milliseconds."""
 _MAX_SHOWN_WIDTH = math.log(10.0)
-"""Half width of a logarithm from which a value is unknown: a factor of ten."""
+"""Half width of the interval of log(value) from which the value is unknown: a factor of ten."""
 _SHOWN_QUANTITIES = ("kp", "damping", "coulomb", "armature")
+"""Columns of the table, out of QUANTITIES."""
+_MAX_LISTED_JOINTS = 4
+"""Largest number of joints that the verdict names."""
 _MAX_ROWS = 12
 """Largest number of rows in the short form of the table."""
 
@@ -36,12 +39,15 @@ def servo_view(found: IdentifiedServos) -> Iterator[Block]:
     subject = f"  ·  servos, from commands and positions  ·  delay {_delay_text(found)}"
     yield Line((found.robot_name, Style.STRONG), subject)
     yield _value_table(found)
+    # errors of all joints, as shares of the tracking error
     held_out_error = percent(found.held_out.all, 3)
+    trained_error = percent(found.trained.all, 3)
     yield Line(
         f"Replayed positions are off by {held_out_error} of the tracking error in rows that were not used, "
-        f"{percent(found.trained.all, 3)} in used rows. Damping: servo and joint together."
+        f"{trained_error} in used rows. Damping: servo and joint together."
     )
-    yield from remarks([str(doubt) for doubt in found.doubts if doubt.level == "note"])
+    notes = [str(doubt) for doubt in found.doubts if doubt.level == "note"]
+    yield from remarks(notes)
 
 
 def servo_facts(found: IdentifiedServos) -> Mapping[str, str]:
@@ -49,38 +55,50 @@ def servo_facts(found: IdentifiedServos) -> Mapping[str, str]:
     return {
         "delay": quantity(_MILLI * found.delay, "ms", 3, decimals=1),
         "held out": percent(found.held_out.all, 3),
-        "joints determined": f"{int(found.whole.sum())} of {len(found.joints)}",
+        "joints determined": f"{_determined_count(found)} of {len(found.joints)}",
     }
 
 
+def _determined_count(found: IdentifiedServos) -> int:
+    """Number of joints of which all values are determined."""
+    return int(found.whole.sum())
+
+
 def _delay_text(found: IdentifiedServos) -> str:
-    half_width = quantity(_MILLI * found.delay_half_width, "ms", 2, decimals=2)
-    return f"{number(_MILLI * found.delay, 3, decimals=1)} ± {half_width}"
+    """``12.3 ± 0.45 ms``."""
+    half_width_with_unit = quantity(_MILLI * found.delay_half_width, "ms", 2, decimals=2)
+    return f"{number(_MILLI * found.delay, 3, decimals=1)} ± {half_width_with_unit}"
 
 
 def _headline(found: IdentifiedServos) -> Headline:
-    """Word of the verdict and its reasons; for OK, the accuracy and the joints of which only ratios are known."""
+    """Verdict and its reasons; for OK, the accuracy, and the joints of which only ratios of values are known."""
     if found.verdict.word is not Word.OK:
         return Headline.from_verdict(found.verdict)
-    count = int(found.whole.sum())
-    text = f"kp, damping, armature and friction of {count} of {len(found.joints)} joints"
-    if count:
+    determined_count = _determined_count(found)
+    text = f"kp, damping, armature and friction of {determined_count} of {len(found.joints)} joints"
+    if determined_count:
         text += f", {_accuracy(found)}"
     text += f", delay {quantity(_MILLI * found.delay, 'ms', 2, decimals=1)}"
     joints_with_ratios = [found.joints[j] for j in np.flatnonzero(found.only_ratios)]
     if joints_with_ratios:
-        text += f"; {listed(joints_with_ratios, 4)}: only ratios are known (hold one of the values with known=)"
+        joints_text = listed(joints_with_ratios, _MAX_LISTED_JOINTS)
+        text += f"; {joints_text}: only ratios are known (hold one of the values with known=)"
     return Headline(Word.OK, f"{text}.")
 
 
 def _accuracy(found: IdentifiedServos) -> str:
-    """Widest intervals of the determined joints.
+    """Widest intervals among the joints of which all values are determined.
 
-    Damping and friction may be hardly determined because they are small. Then their share of the joint's torque is given.
+    Damping and friction may be hardly determined because they are small. Then the text gives the width of their interval as a
+    share of the joint's torque.
     """
-    widths = found.relative()
-    widest = {name: float(widths[name][found.whole].max(initial=0.0)) for name in QUANTITIES}
-    texts = [f"kp and armature {relative_width(max(widest['kp'], widest['armature']))}"]
+    half_widths = found.relative()  # of the logarithms, by quantity
+    widest: dict[str, float] = {}
+    for name in QUANTITIES:
+        widths_of_determined = half_widths[name][found.whole]
+        widest[name] = float(widths_of_determined.max(initial=0.0))
+    main_width = max(widest["kp"], widest["armature"])
+    texts = [f"kp and armature {relative_width(main_width)}"]
     for name, noun in (("damping", "damping"), ("coulomb", "friction")):
         if widest[name] <= MAX_WIDTH_DETERMINED:
             texts.append(f"{noun} {relative_width(widest[name])}")
@@ -93,26 +111,30 @@ def _accuracy(found: IdentifiedServos) -> str:
 def _value_table(found: IdentifiedServos) -> Table:
     """Row for each joint: values with relative half widths; undetermined values in parentheses."""
     columns = [words("joint", list(found.joints), fold=False)]
-    widths = found.relative()
-    turning = [any(body.joint.turning) for body in found.original.model.leaders]
+    half_widths = found.relative()
+    joints_turn = [any(body.joint.turning) for body in found.original.model.leaders]  # else they slide
     for name in _SHOWN_QUANTITIES:
         values = found.values[:, QUANTITIES.index(name)]
-        units = [servo_unit(name, turning=turns).replace("^2", "²") for turns in turning]
-        columns.append(words(name, _cells(values, widths[name], found.determined[name], units), fold=False))
+        units = []
+        for turns in joints_turn:
+            unit = servo_unit(name, turning=turns)
+            units.append(unit.replace("^2", "²"))
+        cells = _cells(values, half_widths[name], found.determined[name], units)
+        columns.append(words(name, cells, fold=False))
     ratios_or_nothing = np.where(found.only_ratios, "ratios", "–")
-    known = np.where(found.whole, "all", ratios_or_nothing).tolist()
-    return Table("Servos", *columns, words("known", known, fold=False), most=_MAX_ROWS)
+    known_values = np.where(found.whole, "all", ratios_or_nothing).tolist()
+    return Table("Servos", *columns, words("known", known_values, fold=False), most=_MAX_ROWS)
 
 
 def relative_width(width: float) -> str:
-    """Half width of a logarithm as a share of the value; ``unknown`` from a factor of ten."""
+    """Text of the half width of log(value), as a relative deviation of the value; ``unknown`` from a factor of ten."""
     if width < _MAX_SHOWN_WIDTH:
-        return f"± {percent(math.expm1(width), 2)}"
+        return f"± {percent(math.expm1(width), 2)}"  # e^width - 1: from the value to the interval's upper end
     return "unknown"
 
 
 def _cells(values: Array, widths: Array, determined: Array, units: Sequence[str]) -> list[str]:
-    """``820 N m/rad ± 0.3 %``; an undetermined value in parentheses."""
+    """Text for each joint, such as ``820 N m/rad ± 0.3 %``; an undetermined value in parentheses."""
     cells = []
     for value, width, is_determined, unit in zip(values, widths.tolist(), determined, units, strict=True):
         text = f"{quantity(value, unit, 3)} {relative_width(width)}"

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _MIN_RANGE = 20.0
 """Range of a joint's positions, in deviations of its error, below which it does not move."""
 _MIN_CORRELATION = 0.6
-"""Correlation with a command from which positions follow it."""
+"""Correlation of positions with a command from which they follow it."""
 _MAX_RATIO_TO_OTHER = 0.5
 """If commands are exchanged: largest correlation with the own command, over that with another joint's command."""
 _MIN_SLOPE, _MAX_SLOPE = 0.4, 2.5
@@ -33,35 +33,45 @@ _MIN_SECONDS = 5.0
 """Least total duration of the logs [s]."""
 _MIN_ROWS_OF_UNKNOWN = 20
 """Least number of rows for each unknown of a joint."""
-_UNSURE_ERROR, _LOOK_AGAIN_ERROR = 0.2, 0.6
-"""Held-out errors, as shares of the tracking error, above which a fit is UNSURE, and one to LOOK AGAIN at."""
+_UNSURE_ERROR = 0.2
+"""Held-out error, as a share of the tracking error, above which a fit is UNSURE."""
+_LOOK_AGAIN_ERROR = 0.6
+"""Held-out error, as a share of the tracking error, above which the verdict is LOOK AGAIN."""
+_MIN_DRIFT_ERROR = 0.5 * _UNSURE_ERROR
+"""Held-out error, as a share of the tracking error, from which its growth is a doubt."""
 _MAX_GROWTH = 1.5
-"""Largest ratio of the held-out error to that of used rows."""
+"""Largest ratio of the held-out error to the error of used rows."""
+_MIN_NORM = 1e-300
+"""Least divisor, for commands and positions that do not change."""
+_MAX_LISTED = 4
+"""Largest number of intervals in a sentence."""
 _MAX_SMALL_ERROR = 2.0
 """Held-out error, in standard deviations of a position, up to which it is negligible."""
 
 
 def moving_joints(logs: Sequence[ServoLog]) -> Array:
     """(nv,) bool, False for joints that do not move beyond their error."""
-    extent = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
-    return np.asarray(extent > _MIN_RANGE * position_errors(logs))
+    ranges = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
+    return np.asarray(ranges > _MIN_RANGE * position_errors(logs))
 
 
 def command_doubts(robot: Robot, logs: Sequence[ServoLog]) -> Iterator[Doubt]:
-    """Commands of another joint, with the other sign, or in another unit."""
+    """Doubts about commands: those of another joint, with the other sign, or in another unit."""
     names = robot.model.velocity_names
     correlations, slopes = _correlations_and_slopes(logs)
     for j in np.flatnonzero(moving_joints(logs)):
-        own = correlations[j, j]
+        own_correlation = correlations[j, j]
         is_own = np.arange(len(names)) == j
-        other_joint = int(np.argmax(np.where(is_own, -1.0, correlations[j])))
-        other = correlations[j, other_joint]
+        correlations_with_others = np.where(is_own, -1.0, correlations[j])
+        other_joint = int(np.argmax(correlations_with_others))
+        other_correlation = correlations[j, other_joint]
         slope = float(slopes[j])
-        if other > _MIN_CORRELATION and own < _MAX_RATIO_TO_OTHER * other:
-            yield doubt("servo-exchanged", [names[j]], other=names[other_joint], share=number(float(other), 3))
-        elif own < -_MIN_CORRELATION:
+        if other_correlation > _MIN_CORRELATION and own_correlation < _MAX_RATIO_TO_OTHER * other_correlation:
+            correlation_text = number(float(other_correlation), 3)
+            yield doubt("servo-exchanged", [names[j]], other=names[other_joint], share=correlation_text)
+        elif own_correlation < -_MIN_CORRELATION:
             yield doubt("servo-sign", [names[j]])
-        elif own > _MIN_CORRELATION and not _MIN_SLOPE < slope < _MAX_SLOPE:
+        elif own_correlation > _MIN_CORRELATION and not _MIN_SLOPE < slope < _MAX_SLOPE:
             yield doubt("servo-unit", [names[j]], ratio=number(slope, 3), found={"value": slope})
 
 
@@ -74,62 +84,69 @@ def _correlations_and_slopes(logs: Sequence[ServoLog]) -> tuple[Array, Array]:
     slopes : (nv,) array, with the commands at the last delay
     """
     q = np.concatenate([_without_mean(log.q) for log in logs])
+    q_norms = np.linalg.norm(q, axis=0)
+    c_norms = np.zeros(q.shape[1])  # of the commands at the delay that was tried last
     correlations_by_delay = list[Array]()
     for delay in _DELAYS:
-        c = np.concatenate([_without_mean(log.mean_command(log.time - delay, log.period, "zero")) for log in logs])
-        q_norms, c_norms = np.linalg.norm(q, axis=0)[:, None], np.linalg.norm(c, axis=0)
-        correlations_by_delay.append(q.T @ c / np.maximum(q_norms * c_norms, 1e-300))
+        delayed_commands = [log.mean_command(log.time - delay, log.period, "zero") for log in logs]
+        c = np.concatenate([_without_mean(commands) for commands in delayed_commands])
+        c_norms = np.linalg.norm(c, axis=0)
+        correlations_by_delay.append(q.T @ c / np.maximum(q_norms[:, None] * c_norms, _MIN_NORM))
     stacked = np.stack(correlations_by_delay)
     best_delay = np.abs(stacked).argmax(axis=0)
     correlations = np.take_along_axis(stacked, best_delay[None], axis=0)[0]
-    ratio = np.linalg.norm(q, axis=0) / np.maximum(np.linalg.norm(c, axis=0), 1e-300)
+    ratio = q_norms / np.maximum(c_norms, _MIN_NORM)
     return correlations, np.diagonal(correlations) * ratio
 
 
 def _without_mean(x: Array) -> Array:
+    """Deviations (n, k) of the columns from their means."""
     return np.asarray(x - x.mean(axis=0))
 
 
-def fit_doubts(found: IdentifiedServos, logs: Sequence[ServoLog]) -> Iterator[Doubt]:
-    """Motions that determine too little, and errors that the servos do not explain."""
-    names, moves = np.array(found.joints), found.live
+def fit_doubts(servos: IdentifiedServos, logs: Sequence[ServoLog]) -> Iterator[Doubt]:
+    """Doubts about a fit: motions that determine too little, and errors that the servos do not explain."""
+    names = np.array(servos.joints)
+    moves = servos.live
     if not moves.all():
         yield doubt("servo-still", names[~moves].tolist())
-    seconds, rows = 0.0, 0
+    total_seconds = 0.0
+    row_count = 0
     for log in logs:
-        seconds += float(log.time[-1])
-        rows += len(log.time)
-    if seconds < _MIN_SECONDS or rows < _MIN_ROWS_OF_UNKNOWN * len(QUANTITIES):
-        yield doubt("servo-short", seconds=number(seconds, 3), rows=rows)
-    yield from _error_doubts(found)
-    if not found.whole.any() and not found.known:
+        total_seconds += float(log.time[-1])
+        row_count += len(log.time)
+    if total_seconds < _MIN_SECONDS or row_count < _MIN_ROWS_OF_UNKNOWN * len(QUANTITIES):
+        yield doubt("servo-short", seconds=number(total_seconds, 3), rows=row_count)
+    yield from _error_doubts(servos)
+    if not servos.whole.any() and not servos.known:
         yield doubt("servo-no-scale")
-    has_wide_interval = moves & ~found.whole & ~found.only_ratios
+    has_wide_interval = moves & ~servos.whole & ~servos.only_ratios
     if has_wide_interval.any():
-        widths = [_widest_value_text(found, j) for j in np.flatnonzero(has_wide_interval).tolist()]
-        yield doubt("servo-wide", names[has_wide_interval].tolist(), widths=listed(widths, 4))
+        widths = [_widest_value_text(servos, j) for j in np.flatnonzero(has_wide_interval).tolist()]
+        yield doubt("servo-wide", names[has_wide_interval].tolist(), widths=listed(widths, _MAX_LISTED))
 
 
-def _error_doubts(found: IdentifiedServos) -> Iterator[Doubt]:
-    """Held-out error above a share of the tracking error, or above that of the used rows."""
-    error_shares = np.array(list(found.held_out.joints.values()))
-    errors = np.array(list(found.position_error.values()))  # [rad, m]
-    is_large = found.live & (error_shares > _UNSURE_ERROR) & (errors > _MAX_SMALL_ERROR * found.fit.sigma)
-    held_out, used = found.held_out.all, found.trained.all
+def _error_doubts(servos: IdentifiedServos) -> Iterator[Doubt]:
+    """Doubt about a held-out error that is a large share of the tracking error, or larger than the error of used rows."""
+    error_shares = np.array(list(servos.held_out.joints.values()))
+    errors = np.array(list(servos.position_error.values()))  # [rad, m]
+    is_large = servos.live & (error_shares > _UNSURE_ERROR) & (errors > _MAX_SMALL_ERROR * servos.fit.sigma)
+    held_out_share = servos.held_out.all
+    used_share = servos.trained.all
     if is_large.any():
-        worst = int(np.argmax(np.where(is_large, error_shares, 0.0)))
-        share = float(error_shares[worst])
+        worst_joint = int(np.argmax(np.where(is_large, error_shares, 0.0)))
+        share = float(error_shares[worst_joint])
         level: Level = "refuse" if share > _LOOK_AGAIN_ERROR else "unsure"
-        yield doubt(
-            "servo-unexplained", [found.joints[worst]], share=percent(share, 2), level=level, found={"value": share}
-        )
-    elif held_out > _MAX_GROWTH * used and held_out > 0.5 * _UNSURE_ERROR:
-        yield doubt("servo-drifts", share=percent(held_out, 2), used=percent(used, 2), found={"value": held_out})
+        joints = [servos.joints[worst_joint]]
+        yield doubt("servo-unexplained", joints, share=percent(share, 2), level=level, found={"value": share})
+    elif held_out_share > _MAX_GROWTH * used_share and held_out_share > _MIN_DRIFT_ERROR:
+        share_text = percent(held_out_share, 2)
+        yield doubt("servo-drifts", share=share_text, used=percent(used_share, 2), found={"value": held_out_share})
 
 
-def _widest_value_text(found: IdentifiedServos, j: int) -> str:
-    """Name of the undetermined value of a joint with the widest interval, and its half width."""
-    widths = found.relative()
-    undetermined = [name for name in QUANTITIES if not found.determined[name][j]] or list(QUANTITIES)
-    widest = max(undetermined, key=lambda name: float(widths[name][j]))
-    return f"{widest} of {found.joints[j]} {relative_width(float(widths[widest][j]))}"
+def _widest_value_text(servos: IdentifiedServos, j: int) -> str:
+    """Text of the undetermined value of a joint with the widest interval, and its half width; of all values if none is."""
+    half_widths = {name: float(widths[j]) for name, widths in servos.relative().items()}
+    undetermined = [name for name in QUANTITIES if not servos.determined[name][j]] or list(QUANTITIES)
+    widest = max(undetermined, key=lambda name: half_widths[name])
+    return f"{widest} of {servos.joints[j]} {relative_width(half_widths[widest])}"

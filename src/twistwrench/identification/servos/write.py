@@ -35,6 +35,10 @@ _FRICTION_TIME_CONSTANT = "0.002 1"
 """``solreffriction`` of MuJoCo, time constant [s] and damping ratio: with the default of 0.02 s, joints at rest creep."""
 _MAX_DIFFERENCE = 1e-9
 """Largest relative difference of values that are read back."""
+_MILLI = 1e3
+"""Factor of seconds for milliseconds."""
+_MAX_LISTED = 6
+"""Largest number of joints that a note names."""
 
 
 def write_servos(
@@ -46,44 +50,45 @@ def write_servos(
     """
     if found.verdict.word is Word.LOOK_AGAIN and not force:
         raise ValueRangeError(f"nothing is written after {found.verdict}. Pass force=True to write all the same.")
-    written = np.ones(len(found.joints), bool) if force else found.whole
-    if not written.any():
+    is_written = np.ones(len(found.joints), bool) if force else found.whole  # for each joint
+    if not is_written.any():
         raise ValueRangeError(
             "nothing is written, as no joint has all values determined. Give one known value, known={'JOINT.kp': 25}, or pass "
             "force=True."
         )
     if path is not None and as_path(path).suffix.lower() not in (".xml", ".mjcf"):
         raise ValueRangeError(f"servos are written as MJCF, and {str(path)!r} does not end in .xml.")
-    mjcf, actuator_text = b"", ""  # both are made before one is written
+    # both are made before one is written
+    mjcf = b""
+    actuator_text = ""
     if path is not None:
-        mjcf = mjcf_of_servos(found, written)
+        mjcf = mjcf_of_servos(found, is_written)
     if actuators is not None:
-        actuator_text = actuators_of_servos(found, written)
+        actuator_text = actuators_of_servos(found, is_written)
     if path is not None:
         with replacing(path) as temporary:
             temporary.write_bytes(mjcf)
     if actuators is not None:
         with replacing(actuators) as temporary:
             temporary.write_text(actuator_text, encoding="utf-8")
-    notes = [
-        f"commands reach the servos {quantity(1e3 * found.delay, 'ms', 3)} late, which no file represents: delay them"
-    ]
-    not_written = [found.joints[j] for j in np.flatnonzero(~np.asarray(written, bool))]
+    delay = quantity(_MILLI * found.delay, "ms", 3)
+    notes = [f"commands reach the servos {delay} late, which no file represents: delay them"]
+    not_written = [found.joints[j] for j in np.flatnonzero(~np.asarray(is_written, bool))]
     if not_written:
-        notes.append(f"values of {listed(not_written, 6)} are not determined, and not written")
+        notes.append(f"values of {listed(not_written, _MAX_LISTED)} are not determined, and not written")
     return tuple(notes)
 
 
 def mjcf_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.ndarray) -> bytes:
-    """MJCF file with position actuators, armature and friction of the ``written`` joints.
+    """MJCF file with position actuators, armature and friction of the joints for which ``written`` (nv,) is True.
 
     Raises ValueRangeError if the robot cannot be written as MJCF.
     """
     subject = _mjcf_subject(found.original)
-    root, model = subject.root, found.original.model
+    root = subject.root
     if root is None:
         raise ValueRangeError(f"robot {found.robot_name!r} cannot be written as MJCF.")
-    file = MjcfText(root, model.name, subject.path)
+    file = MjcfText(root, found.original.model.name, subject.path)
     changes = TextChanges(SIGNATURE)
     actuators = list[str]()
     for j in np.flatnonzero(written).tolist():
@@ -117,9 +122,9 @@ def _check(text: str, subject: Subject, found: IdentifiedServos, written: Sequen
     """Raise ValueRangeError if armature and friction differ when the text is read back."""
     folders = [] if subject.path is None else [subject.path.resolve().parent]
     read_model = load(text, include_paths=folders, inertia="accept").model
-    index = {name: k for k, name in enumerate(read_model.velocity_names)}
+    read_index = {name: k for k, name in enumerate(read_model.velocity_names)}
     for j in np.flatnonzero(written).tolist():
-        k = index[found.joints[j]]
+        k = read_index[found.joints[j]]
         armature, coulomb = found.armature[j], found.coulomb[j]
         is_armature_same = abs(read_model.armature[k] - armature) <= _MAX_DIFFERENCE * armature
         is_friction_same = abs(read_model.friction.coulomb[k] - coulomb) <= _MAX_DIFFERENCE * coulomb
@@ -131,13 +136,14 @@ def actuators_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.nd
     """Actuator file with armature and Coulomb friction; stiffness and damping of the servos are comments."""
     import yaml
 
-    entries, comments = dict[str, Any](), ""
+    entries = dict[str, Any]()  # by joint
+    comments = ""
     leaders = found.original.model.leaders
     for j in np.flatnonzero(written).tolist():
         name = found.joints[j]
         armature, damping, coulomb, kp = found.values[j].tolist()
-        turning = bool(leaders[j].joint.turning[0])
-        units = {quantity_name: servo_unit(quantity_name, turning=turning) for quantity_name in QUANTITIES}
+        turns = bool(leaders[j].joint.turning[0])
+        units = {quantity_name: servo_unit(quantity_name, turning=turns) for quantity_name in QUANTITIES}
         entries[name] = {
             "reflected_inertia": f"{armature!r} {units['armature']}",
             "friction": {"coulomb": f"{coulomb!r} {units['coulomb']}"},

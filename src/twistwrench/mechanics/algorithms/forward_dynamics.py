@@ -31,7 +31,7 @@ from .recursion import armature_forces, inward, joint_poses, outward, spread, sp
 
 @dataclass
 class _Articulated:
-    """The symmetric operator [I, H; H', M] on (dw, a)."""
+    """Articulated inertia: the symmetric operator [I, H; H', M] on accelerations (dw, a), with blocks (3, 3)."""
 
     I: Array
     H: Array
@@ -39,6 +39,7 @@ class _Articulated:
 
     @classmethod
     def from_rigid_body(cls, G: SpatialInertia) -> _Articulated:
+        """Operator of a single rigid body."""
         return cls(G.moment_about_origin, so3.hat(G.first_moment), G.mass * np.eye(3))
 
     def __add__(self, other: _Articulated) -> _Articulated:
@@ -49,23 +50,26 @@ class _Articulated:
         return np.concatenate([self.I @ w + self.H @ v, self.H.T @ w + self.M @ v])
 
     def minus_product(self, U: Array, W: Array) -> _Articulated:
-        """A - U W' for columns of U and W whose product is symmetric."""
+        """A - U W' for U and W (6, k) whose product U W' is symmetric."""
         I = _symmetric(self.I - U[:3] @ W[:3].T)
         H = self.H - U[:3] @ W[3:].T
         M = _symmetric(self.M - U[3:] @ W[3:].T)
         return _Articulated(I, H, M)
 
     def in_frame(self, T: Array) -> _Articulated:
-        """Operator expressed in {a}, given one in {b} and T = T_ab."""
-        R, P = T[:3, :3], so3.hat(T[:3, 3])
-        # First in the axes of {a}, then about its origin
-        I, H, M = _symmetric(R @ self.I @ R.T), R @ self.H @ R.T, _symmetric(R @ self.M @ R.T)
+        """Operator in {a}, from this one in {b} and T = T_ab."""
+        R = T[:3, :3]
+        P = so3.hat(T[:3, 3])
+        # in the axes of {a}, still about the origin of {b}
+        I = _symmetric(R @ self.I @ R.T)
+        H = R @ self.H @ R.T
+        M = _symmetric(R @ self.M @ R.T)
         PH = P @ H.T
         return _Articulated(_symmetric(I + PH + PH.T - P @ M @ P), H + P @ M, M)
 
 
 def _symmetric(X: Array) -> Array:
-    """Symmetric matrix from the lower triangle. A trace then omits the operations for the upper one, which have no effect."""
+    """Symmetric matrix from the lower triangle of X. A trace then omits the operations for the upper triangle."""
     symmetric = X.copy()
     for i in range(3):
         for j in range(i):
@@ -78,19 +82,20 @@ def articulated_dynamics(
 ) -> Array:
     """q̈ (nv,) if joints share neither coordinates nor motors. ``added`` (nv,) is additional inertia, like a rotor's."""
     T = joint_poses(model, q)
-    Adq = spread(model, dq)  # twist V_J of each joint, in the frame of its body
-    velocity_products = armature_forces(model, dq, zeros(model.nv))  # of drives
-    tau = tau - spring_forces(model, q) - velocity_products
+    joint_twists = spread(model, dq)  # V_J, each in the frame of its body
+    drive_torques = armature_forces(model, dq, zeros(model.nv))  # of armatures at q̈ = 0
+    tau = tau - spring_forces(model, q) - drive_torques
     rotor_inertia = model.armature if added is None else added + model.armature
-    A, p, c = [], [], []
+    A, p, c = [], [], []  # of each body
     w = {BASE: zeros(3)}
     for i, parent in outward(model):
         R, r = T[i][:3, :3], T[i][:3, 3]
-        w_joint, v_joint = Adq[i][:3], Adq[i][3:]
+        w_joint, v_joint = joint_twists[i][:3], joint_twists[i][3:]
         w[i] = R.T @ w[parent] + w_joint
         c_angular = so3.cross(w[i], w_joint)
+        centripetal = so3.cross(w[parent], so3.cross(w[parent], r))
         joint_part = so3.cross(2.0 * w[i] - w_joint, v_joint)
-        c_linear = R.T @ so3.cross(w[parent], so3.cross(w[parent], r)) + joint_part
+        c_linear = R.T @ centripetal + joint_part
         c.append(np.concatenate([c_angular, c_linear]))  # (1)
         A.append(_Articulated.from_rigid_body(model.bodies[i].inertia))
         p.append(inertial_wrench(model.bodies[i].inertia, BodyMotion(w[i], zeros(3), zeros(3))))
@@ -102,14 +107,16 @@ def articulated_dynamics(
         S = body.joint.axes
         U = np.array([A[i] @ axis for axis in S]).T
         _, columns = body.places
-        D_factors = ldl_factors(with_diagonal(S @ U, rotor_inertia[columns]))
+        D = with_diagonal(S @ U, rotor_inertia[columns])
+        D_factors = ldl_factors(D)
         u = tau[columns] - S @ p[i]  # (2)
         U_D_inverse = np.array([solve_ldl(*D_factors, row) for row in U])
         joint_solutions[i] = U_D_inverse, solve_ldl(*D_factors, u)
         if parent != BASE:
             A_across = A[i].minus_product(U, U_D_inverse)  # A - U D⁻¹ U'
+            p_across = p[i] + A_across @ c[i] + U_D_inverse @ u
             A[parent] = A[parent] + A_across.in_frame(T[i])
-            p[parent] = p[parent] + Ad(T[i]).inverse.T @ (p[i] + A_across @ c[i] + U_D_inverse @ u)  # (3)
+            p[parent] = p[parent] + Ad(T[i]).inverse.T @ p_across  # (3)
     ddq = zeros(model.nv)
     dV = {BASE: np.concatenate([zeros(3), -model.gravity])}
     for i, parent in outward(model):
@@ -124,16 +131,16 @@ def articulated_dynamics(
 
 
 def articulated_pays(model: Model) -> bool:
-    """True if articulated bodies take fewer multiplications than M; never if joints share a coordinate or a motor.
+    """True if articulated bodies take fewer multiplications than M; False if joints share a coordinate or a motor.
 
-    The numbers were counted on chains, a quadruped and a humanoid. Articulated bodies take 190 for each body. M takes 60 for
-    each velocity and 14 more for each body that carries it; its factors take n (n + 1)/2 more for a velocity after n others on
-    its path. The costs are equal for chains of about fifteen joints.
+    The numbers of multiplications were counted on chains, a quadruped and a humanoid. Articulated bodies take 190 for each
+    body. M takes 60 for each velocity, and 14 more for each body that carries it. The factors of M take n (n + 1)/2 more for a
+    velocity after n others on its path. The costs are equal for chains of about fifteen joints.
     """
     if model.couplings or any(body.follows for body in model.bodies):
         return False
     velocity_counts = {BASE: 0}  # on the path from the base to each body
-    depths = {BASE: -1}
+    depths = {BASE: -1}  # number of bodies that carry a body
     mass_matrix_cost = 0
     for i, parent in outward(model):
         velocity_counts[i] = velocity_counts[parent] + model.bodies[i].joint.nv

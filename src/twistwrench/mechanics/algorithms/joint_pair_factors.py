@@ -28,7 +28,7 @@ class Relations(NamedTuple):
     """Relations between the velocities of joints."""
 
     carries: Array
-    """(nv, nv) of bool: the row's joint carries the column's joint, or is the same."""
+    """(nv, nv) of bool: the row's joint carries the column's joint, or is the column's joint."""
     bodies: Array
     """(nv,) index of the body of each velocity."""
 
@@ -42,23 +42,24 @@ def joints_are_independent(model: Model) -> bool:
 
 def relations(model: Model) -> Relations:
     """Table of which joints carry which, and the body of each velocity."""
-    bodies = np.zeros(model.nv, int)
-    for k, body in enumerate(model.bodies):
-        _, columns = body.places
-        bodies[columns] = k
+    body_of_velocity = np.zeros(model.nv, int)
+    for i, body in enumerate(model.bodies):
+        _, velocity_slice = body.places
+        body_of_velocity[velocity_slice] = i
     carries = np.zeros((model.nv, model.nv), bool)
-    for column, body in enumerate(bodies):
-        carries[:, column] = np.isin(bodies, list(ancestors(model, int(body))))
-    return Relations(carries, bodies)
+    for column, i in enumerate(body_of_velocity.tolist()):
+        carries[:, column] = np.isin(body_of_velocity, list(ancestors(model, i)))
+    return Relations(carries, body_of_velocity)
 
 
 def mass_matrix_factors(model: Model, q: Array) -> tuple[Array, ...]:
-    """S (nv, 6), G S (6, nv), G S (nv, 6), S (6, nv).
+    """Factors of M: S (nv, 6), G S (6, nv), G S (nv, 6), S (6, nv).
 
     M_ji is row j of the first matrix times column i of the second if j is before i, else row j of the third matrix times column
     i of the last.
     """
-    S, GS = zeros(model.nv, 6), zeros(model.nv, 6)
+    S = zeros(model.nv, 6)
+    GS = zeros(model.nv, 6)
     poses = base_poses(model, joint_poses(model, q))
     for body, T_s, G in zip(model.bodies, poses, composite_inertias(model, q), strict=True):
         for k, axis in enumerate(body.joint.axes, start=body.v_index):
@@ -77,12 +78,13 @@ def derivative_factors(
 ) -> tuple[Array, ...]:
     """Factors of ∂τ/∂q and ∂τ/∂dq: row j of a first factor times column i of a second one is the entry of joints j and i.
 
-    For j before i, the first factor is S (nv, 6); the second factors by q and by dq are wrenches, (6, nv). For i before j, or
-    the same, the first factor is (2B' S, G S) (nv, 9); the second factors by q and by dq are (P, Q) and (S, R), (9, nv). The
-    result is in this order.
+    For j before i, the first factor is S (nv, 6); the second factors by q and by dq are wrenches, (6, nv). For i before j, and
+    for i = j, the first factor is (2B' S, G S) (nv, 9); the second factors by q and by dq are (P, Q) and (S, R), (9, nv). The
+    six matrices are returned in this order.
     """
     T = joint_poses(model, q)
-    V, G = body_velocities(model, T, dq), composite_inertias(model, q)
+    V = body_velocities(model, T, dq)
+    G = composite_inertias(model, q)
     twice_B, F, columns = composite_terms(model, T, V, dq, ddq, wrenches)
     axes, wrenches_by_q, wrenches_by_dq = zeros(model.nv, 6), zeros(model.nv, 6), zeros(model.nv, 6)
     momenta, motions_by_q, motions_by_dq = zeros(model.nv, 9), zeros(model.nv, 9), zeros(model.nv, 9)

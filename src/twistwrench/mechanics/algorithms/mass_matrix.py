@@ -24,7 +24,9 @@ def ldl_factors(M: Array) -> tuple[Array, Array]:
     lower triangle of M is read. There is no pivoting, since M is positive definite.
     """
     n = len(M)
-    H, L, D_inverse = M.copy(), M.copy(), M.diagonal().copy()  # H: what remains of M after each elimination
+    H = M.copy()  # what remains of M after each elimination
+    L = M.copy()
+    D_inverse = M.diagonal().copy()
     for k in reversed(range(n)):
         D_inverse[k] = 1.0 / H[k, k]
         for i in range(k):
@@ -60,7 +62,7 @@ def solve_triangular(L: Array, b: Array) -> Array:
 
 def inverse_factor(L: Array) -> Array:
     """W with W L = 1: unit lower triangular, with the zeros of L; M⁻¹ = W D⁻¹ W'."""
-    unit_vectors = np.eye(len(L)).astype(object)
+    unit_vectors = np.eye(len(L)).astype(object)  # entries may be traced values
     columns = [solve_triangular(L, unit_vector) for unit_vector in unit_vectors]
     return np.array(columns).reshape(L.shape).T
 
@@ -68,7 +70,8 @@ def inverse_factor(L: Array) -> Array:
 def symmetric_product(W: Array, D_inverse: Array) -> Array:
     """W D⁻¹ W', each symmetric pair computed once."""
     n = len(W)
-    scaled_W, product = W * D_inverse, W.copy()
+    scaled_W = W * D_inverse
+    product = W.copy()
     for i in range(n):
         for j in range(i + 1):
             product[i, j] = product[j, i] = scaled_W[i] @ W[j]
@@ -77,7 +80,7 @@ def symmetric_product(W: Array, D_inverse: Array) -> Array:
 
 def with_diagonal(M: Array, diagonal: Array) -> Array:
     """M with ``diagonal`` added to its diagonal."""
-    total = M.astype(object)
+    total = M.astype(object)  # a copy, whose entries may be traced values
     for i, entry in enumerate(diagonal):
         total[i, i] = total[i, i] + entry
     return total
@@ -89,8 +92,8 @@ def with_diagonal(M: Array, diagonal: Array) -> Array:
 
 
 def composite_inertias(model: Model, q: Array) -> list[SpatialInertia]:
-    """Inertia of each body together with all bodies it carries, in the body's frame."""
-    G = [body.inertia for body in model.bodies]
+    """Inertia of each body together with all bodies that it carries, in the body's frame."""
+    G = [body.inertia for body in model.bodies]  # grows from the leaves inward
     coordinates = joint_coordinates(model, q)
     for i, p in inward(model):
         if p != BASE:
@@ -102,35 +105,37 @@ def composite_inertias(model: Model, q: Array) -> list[SpatialInertia]:
 
 def mass_matrix(model: Model, q: Array) -> Array:
     """M, symmetric and full; (nv, nv)."""
-    to_parent = [Ad(pose).inverse.T for pose in joint_poses(model, q)]
+    to_parent = [Ad(pose).inverse.T for pose in joint_poses(model, q)]  # of wrenches and momenta
     M = zeros(model.nv, model.nv)
     for i, G in enumerate(composite_inertias(model, q)):
         body = model.bodies[i]
         for k, S_i in enumerate(body.joint.axes):
-            F = G @ S_i  # momentum of all carried bodies at unit rate
+            F = G @ S_i  # momentum of all carried bodies at unit rate, in the frame of body i, then of its ancestors
             for j in ancestors(model, i):  # i itself first
                 ancestor = model.bodies[j]
                 for m, S_j in enumerate(ancestor.joint.axes):
-                    if i != j or m <= k:  # each pair of velocities of one joint once
+                    is_mirror_image = i == j and m > k  # of an entry between two velocities of one joint
+                    if not is_mirror_image:
                         _add_symmetric(M, ancestor, m, body, k, S_j @ F)
                 F = to_parent[j] @ F
     armature = armature_matrix(model)
     M = with_diagonal(M, armature.diagonal())
-    for coupled_indices, _, _ in model.coupled:
-        for i, j in permutations(coupled_indices, 2):
+    for velocity_indices, _, _ in model.coupled:  # of joints that share motors
+        for i, j in permutations(velocity_indices, 2):
             if not is_zero(armature[i, j]):
                 M[i, j] = M[i, j] + armature[i, j]
     return M
 
 
 def _add_symmetric(M: Array, row_body: Body, m: int, column_body: Body, k: int, value: Any) -> None:
-    """Add an entry and its mirror image, at velocities m and k of two joints.
+    """Add a value to an entry of M and to its mirror image, at velocities m and k of the joints of two bodies.
 
     Joints that share a coordinate may add several values to one entry.
     """
-    row, column = row_body.v_index + m, column_body.v_index + k
-    value = row_body.ratio * column_body.ratio * value
-    M[row, column] = M[row, column] + value
-    is_diagonal = row_body is column_body and m == k
-    if not is_diagonal:
-        M[column, row] = M[column, row] + value
+    row = row_body.v_index + m
+    column = column_body.v_index + k
+    scaled_value = row_body.ratio * column_body.ratio * value
+    M[row, column] = M[row, column] + scaled_value
+    is_one_velocity = row_body is column_body and m == k
+    if not is_one_velocity:
+        M[column, row] = M[column, row] + scaled_value

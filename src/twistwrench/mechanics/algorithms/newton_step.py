@@ -70,13 +70,13 @@ class NewtonStep:
     scale: Array
     """Weight of each row, frame by frame."""
     low: Array
-    """(nv,) lower limits of joints of one degree of freedom; -inf for all others."""
+    """(nv,) lower limits [rad or m] of joints of one degree of freedom; -inf for all others."""
     high: Array
-    """(nv,) upper limits of joints of one degree of freedom; inf for all others."""
+    """(nv,) upper limits [rad or m] of joints of one degree of freedom; inf for all others."""
     coordinates: tuple[int, ...]
     """(nv,) index in q of each joint of one degree of freedom; -1 for all others."""
     posture: bool = False
-    """True if the search also approaches a posture, which follows the poses in ``inputs``."""
+    """True if the search also approaches a posture (nq,), which stands after the poses in ``inputs``."""
     loops: LoopRows | None = None
     """Rows of closed loops that have to close at the poses."""
     gaps: tuple[float, ...] = ()
@@ -91,21 +91,21 @@ class NewtonStep:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Sizes of the values that :meth:`__call__` passes on with the next q."""
+        """Sizes of the values that :meth:`__call__` passes on: q; status and cost; residual; held joints; idle steps and 1."""
         return self.model.nq, 2, len(self.scale), self.model.nv, 2
 
     @property
     def begins(self) -> tuple[float, ...]:
-        """Values passed to the first step, after q: status, cost, residual and held joints, idle steps, 1 for going on."""
+        """Values passed to the first step, after its best q, in the order of :attr:`sizes`."""
         residual_and_held = [0.0] * (len(self.scale) + self.model.nv)
         return (0.0, FIRST_RESIDUAL, *residual_and_held, 0.0, 1.0)
 
     def __call__(self, angles: Array, q: Array, passed: Array, inputs: Array) -> tuple[Array, Array]:
-        """Next q, and the values passed to the next step, of :attr:`sizes`.
+        """Next q, and the values that are passed to the next step, in the order of :attr:`sizes`.
 
-        Passed on: the best q so far; its status (1 converged, -1 if a T_d is not a pose) and its |V|; its residual twist; the
-        joints held at limits; the number of steps without progress, and 1 while the search continues. With a posture, the
-        length of the whole step to it replaces |V|, and the divisor of steps less 1 replaces the number of steps.
+        Passed on: the best q so far; its status (1 if converged, -1 if a T_d is not a pose, else 0) and its |V|; its residual
+        twist; the joints held at limits; the number of steps without progress, and 1 while the search continues. With a
+        posture, the length of the whole step to it replaces |V|, and the divisor of steps less 1 replaces the number of steps.
 
         ``angles`` are q for sines and cosines. ``inputs`` are the poses T_d, the posture if there is one, and the squared
         tolerances [rad², m²]. Conditions are numbers 0 and 1, since compiled code has no branches here.
@@ -164,26 +164,28 @@ class NewtonStep:
         last_row = np.array([[0.0, 0.0, 0.0, 1.0]])
         for (frame, rows), T_d in zip(self.frames, targets, strict=True):
             T = forward_kinematics(self.model, angles, frame)
-            difference = se3.inverse(T) @ np.concatenate([T_d[:3], last_row])
-            displacements.append(difference[[row - 3 for row in rows if row >= 3], 3])
+            difference = se3.inverse(T) @ np.concatenate([T_d[:3], last_row])  # with the exact last row
+            linear_rows = [row - 3 for row in rows if row >= 3]
+            displacements.append(difference[linear_rows, 3])
             if len(rows) == 6:
                 residuals.append(pose_log(difference)[0])
             else:
                 rotation_vector = rotation_log(difference[:3, :3])[0]
-                residuals.append(np.concatenate([rotation_vector, difference[:3, 3]])[list(rows)])
+                six_rows = np.concatenate([rotation_vector, difference[:3, 3]])
+                residuals.append(six_rows[list(rows)])
         if self.loops is not None:
             residuals.append(-self.loops.gaps(self.model, angles))
         return np.concatenate(residuals), np.concatenate(displacements)
 
     def is_within_tolerance(self, e: Array, displacements: Array, tolerances: Array) -> Any:
-        """1 if the residual is within the squared tolerances [rad², m²] and the gaps are within theirs, else 0."""
+        """1 if the residual is within the squared tolerances [rad², m²], and each gap within its tolerance, else 0."""
         is_angular = np.array([row < 3 for row in self.rows])
-        twists, gaps = np.split(e, [len(is_angular)])
-        square_of_angle, square_of_displacement = tolerances
+        twists, loop_gaps = np.split(e, [len(is_angular)])
+        max_squared_angle, max_squared_displacement = tolerances
         errors_and_squares = (
-            (twists[is_angular], square_of_angle),
-            (displacements, square_of_displacement),
-            (gaps / np.array(self.gaps), 1.0),
+            (twists[is_angular], max_squared_angle),
+            (displacements, max_squared_displacement),
+            (loop_gaps / np.array(self.gaps), 1.0),
         )
         all_within: Any = 1.0
         for error, max_square in errors_and_squares:
@@ -192,7 +194,7 @@ class NewtonStep:
         return all_within
 
     def step(self, angles: Array, q: Array, V: Array, posture: Array, divisor: Any) -> tuple[Array, Array, Any]:
-        """dq of (2) or (4), zero at joints that their limits hold; 1 for each of these joints; 1 if there are any.
+        """dq of (2) or (4), zero at joints held at their limits; a mask (nv,) of these joints; 1 if there are any, else 0.
 
         The displacement to the posture is divided by ``divisor``.
         """
@@ -212,19 +214,20 @@ class NewtonStep:
             is_free = is_free * (1.0 - _exceeds_limits(dq_free, *limits))
             if round_number == self.rounds - 1:
                 dq = np.array([either(any_held, with_held, x) for with_held, x in zip(dq_free, dq, strict=True)])
-        longest = _LONGEST_POSTURE_STEP if self.posture else _LONGEST_STEP
-        shortened = dq * (longest / largest(dq, longest))
-        return shortened, 1.0 - is_free, any_held
+        max_length = _LONGEST_POSTURE_STEP if self.posture else _LONGEST_STEP
+        shortened_dq = dq * (max_length / largest(dq, max_length))
+        return shortened_dq, 1.0 - is_free, any_held
 
     def damping(self, V: Array) -> Array:
         """Diagonal matrix in place of λ 1 of (2): λ for the rows of poses, a smaller value for the rows of loops."""
-        twists, gaps = np.split(V, [len(self.rows)])
+        twists, loop_gaps = np.split(V, [len(self.rows)])
         pose_damping = 0.5 * (V @ V)
-        loop_damping = 0.5 * (gaps @ gaps) + _SHARE_FOR_LOOPS * pose_damping
-        return np.diag(np.array([pose_damping] * len(twists) + [loop_damping] * len(gaps)) + _MIN_DAMPING)
+        loop_damping = 0.5 * (loop_gaps @ loop_gaps) + _SHARE_FOR_LOOPS * pose_damping
+        dampings = np.array([pose_damping] * len(twists) + [loop_damping] * len(loop_gaps))
+        return np.diag(dampings + _MIN_DAMPING)
 
     def limit_masks(self, q: Array) -> tuple[Array, Array]:
-        """1 for each joint at its lower limit, and 1 for each joint at its upper limit."""
+        """Masks (nv,) of joints at their lower and at their upper limit: 1 at the limit, else 0."""
         at_low, at_high = zeros(self.model.nv), zeros(self.model.nv)
         for k, i in enumerate(self.coordinates):
             if np.isfinite(self.low[k]):
@@ -251,7 +254,7 @@ def _damped_step(F: Array, damping: Array, V: Array, z: Array | None) -> Array:
 
 
 def _exceeds_limits(dq: Array, at_low: Array, at_high: Array) -> Array:
-    """1 for each joint at a limit that the step would exceed."""
+    """Mask (nv,) of joints at a limit that the step dq would exceed: 1 or 0."""
     exceeds = []
     for is_low, is_high, x in zip(at_low, at_high, dq, strict=True):
         exceeds.append(is_low * positive(-x - _MIN_OUTWARD_STEP) + is_high * positive(x - _MIN_OUTWARD_STEP))

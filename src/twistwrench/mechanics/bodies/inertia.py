@@ -20,6 +20,9 @@ from ..lie.labelled import Labelled
 from . import consistency, solids
 from .solids import moment_matrix, second_moments, ten_parameters
 
+_MAX_ASYMMETRY = 1e-9
+"""Largest difference of entries of a tensor that should be equal, relative to its largest entry."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpatialInertia(metaclass=HintedClass):
@@ -64,14 +67,15 @@ class SpatialInertia(metaclass=HintedClass):
         if self.parameters.dtype == object or not np.isfinite(self.parameters).all():
             parameters = ", ".join(map(str, self.parameters))
             return f"SpatialInertia: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = ({parameters}) about the origin"
-        I, c = self.moment_about_com, self.com
+        I = self.moment_about_com
+        c = self.com
         scale = float(np.abs(I).max() + self.mass * c @ c)  # of Steiner's terms, which leave rounding errors in I
         moments = without_noise(I.diagonal(), scale)
-        products = without_noise(I[[0, 0, 1], [1, 2, 2]], scale)
-        text = f"Ixx, Iyy, Izz = {vector(moments)}"
+        products = without_noise(I[[0, 0, 1], [1, 2, 2]], scale)  # Ixy, Ixz, Iyz
+        inertia_text = f"Ixx, Iyy, Izz = {vector(moments)}"
         if products.any():
-            text += f", Ixy, Ixz, Iyz = {vector(products)}"
-        return f"SpatialInertia: mass {number(self.mass, 6)} kg, com {vector(c)} m, about the com {text} kg m²"
+            inertia_text += f", Ixy, Ixz, Iyz = {vector(products)}"
+        return f"SpatialInertia: mass {number(self.mass, 6)} kg, com {vector(c)} m, about the com {inertia_text} kg m²"
 
     def _repr_html_(self) -> str | None:
         if self.parameters.dtype == object:
@@ -121,12 +125,14 @@ class SpatialInertia(metaclass=HintedClass):
         >>> SpatialInertia.from_com(2.0, (0, 0, 0.5)).moment_about_origin.diagonal().tolist()
         [0.5, 0.5, 0.0]
         """
-        m, c = arguments.number(mass, "mass"), arguments.one(com, "com", 3)
+        m = arguments.number(mass, "mass")
+        c = arguments.one(com, "com", 3)
         I = np.zeros((3, 3)) if moment_about_com is None else moment_matrix(moment_about_com)
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = I.tolist()
         asymmetry = max(abs(xy - yx), abs(xz - zx), abs(yz - zy))
-        largest = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
-        if not asymmetry <= 1e-9 * largest and np.isfinite(I).all():
+        largest_entry = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
+        is_symmetric = asymmetry <= _MAX_ASYMMETRY * largest_entry
+        if not is_symmetric and np.isfinite(I).all():  # defects() reports values that are not finite
             raise InertiaError(
                 f"moment_about_com is not symmetric: entries that should be equal differ by {number(asymmetry, 3)} kg m²."
             )
@@ -135,7 +141,7 @@ class SpatialInertia(metaclass=HintedClass):
         if hx or hy or hz:  # Steiner: I_o = I_com - [h] [c], h = m c
             h_hat = np.array([[0.0, -hz, hy], [hz, 0.0, -hx], [-hy, hx, 0.0]])
             c_hat = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            with np.errstate(over="ignore", invalid="ignore"):  # defects() reports values that are not finite
+            with np.errstate(over="ignore", invalid="ignore"):
                 (sxx, sxy, sxz), (_, syy, syz), (_, _, szz) = (h_hat @ c_hat).tolist()
             xx, yy, zz = xx - sxx, yy - syy, zz - szz
             xy, xz, yz = xy - sxy, xz - sxz, yz - syz
@@ -143,7 +149,7 @@ class SpatialInertia(metaclass=HintedClass):
 
     @classmethod
     def _from_floats(cls, parameters: Array) -> SpatialInertia:
-        """Inertia of ten floats, without checks, in an array that the caller does not keep."""
+        """Inertia of ten floats, without checks; the array itself is kept, and made read-only."""
         inertia = object.__new__(cls)
         parameters.setflags(write=False)
         object.__setattr__(inertia, "parameters", parameters)
@@ -394,6 +400,7 @@ class SpatialInertia(metaclass=HintedClass):
 
     @staticmethod
     def _parameters_of(other: Any, sign: str) -> Array:
+        """Parameters (10,) of the other operand of + or -; raises InertiaError if it is not an inertia."""
         if not isinstance(other, SpatialInertia):
             raise InertiaError(
                 f"SpatialInertia {sign} {type(other).__name__}: an inertia goes with another SpatialInertia."
@@ -430,10 +437,13 @@ if not TYPE_CHECKING:  # type checkers have the signature of the fields
 # Plain floats, because a step is too short for arrays: a step of order 4 takes a few microseconds.
 
 Quat = tuple[float, float, float, float]
+"""Unit quaternion, scalar first."""
 Vec = tuple[float, float, float]
 
 _SUZUKI = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
+"""Fraction of four of the five parts of a step of order 4."""
 _KAHAN_LI = (0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)
+"""Fractions of the first four of the nine parts of a step of order 6."""
 
 COMPOSITIONS: dict[int, tuple[float, ...]] = {
     2: (1.0,),
@@ -474,12 +484,13 @@ class SplitRotor:
         A factor times the momentum about its axis is half the angle. Each fraction f of the step rotates by f/2 about axis 1,
         by f about axis 3, and by f/2 about axis 1; neighbouring rotations about axis 1 are merged.
         """
-        first_half, third = 0.25 * h * self.first, 0.5 * h * self.third
+        first_factor = 0.25 * h * self.first  # for half of the step
+        third_factor = 0.5 * h * self.third
         previous_fractions = (0.0, *fractions)
         factors = []
-        for previous, fraction in zip(previous_fractions, fractions, strict=False):
-            factors.append((first_half * (previous + fraction), third * fraction))
-        return factors, first_half * fractions[-1]
+        for previous, fraction in zip(previous_fractions, fractions, strict=False):  # the last fraction precedes none
+            factors.append((first_factor * (previous + fraction), third_factor * fraction))
+        return factors, first_factor * fractions[-1]
 
     def step(self, q: Quat, l: Vec, h: float, turns: list[tuple[float, float]], last_turn: float) -> Quat:
         """Quaternion after a step ``h``; ``l`` is the spatial angular momentum, which is constant.
@@ -500,7 +511,7 @@ class SplitRotor:
         s, c = sin(last_turn * m1), cos(last_turn * m1)
         w, x, y, z = w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
 
-        # Rotation about the momentum, of the first part of K: the quaternion (c, i, j, k) times q.
+        # Rotation about the momentum, by the first part of K: the quaternion (c, i, j, k) times q.
         lx, ly, lz = l
         size = sqrt(lx * lx + ly * ly + lz * lz)
         if size == 0.0:
@@ -514,9 +525,8 @@ class SplitRotor:
             c * y - i * z + j * w + k * x,
             c * z + i * y - j * x + k * w,
         )
-        scale = 1.5 - 0.5 * (
-            w * w + x * x + y * y + z * z
-        )  # 1/|q| to first order in |q|² - 1, which is a rounding error
+        # 1/|q| to first order in |q|² - 1, which is a rounding error
+        scale = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)
         return scale * w, scale * x, scale * y, scale * z
 
 

@@ -27,13 +27,12 @@ _KINDS: dict[str, type[Twist | Wrench | Pose]] = {"F": Wrench, "wrench": Wrench,
 
 
 def common_frame(known: str | None = None, **values: Any) -> str | None:
-    """Common body frame of the labelled ``values``; None if none has a label. For a pose, it is the frame ``of``.
+    """Common body frame of the labelled ``values``, for a pose its frame ``of``; None if no value has a label.
 
-    ``known`` is the frame if it is already known. Raises FrameError for two different frames, and for a value of the wrong
-    kind. Values without a label are ignored.
+    ``known`` is the frame if it is already known. Raises FrameError for different frames, and for a value of the wrong kind.
     """
     frames: set[str] = set()
-    descriptions: list[str] = []  # for the message
+    descriptions: list[str] = []  # of values and frames, for the message
     if known is not None:
         frames.add(known)
         descriptions.append(f"the body in {known!r}")
@@ -57,7 +56,7 @@ def common_frame(known: str | None = None, **values: Any) -> str | None:
 
 
 def numbers(**vectors: Any) -> list[Array]:
-    """Numbers (..., 6) of the vectors, after a check that kinds and frames of labelled vectors agree."""
+    """Numbers (..., 6) of each vector, after a check that kinds and frames of labelled vectors agree."""
     common_frame(**vectors)
     return [arguments.real(vector, name, 6) for name, vector in vectors.items()]
 
@@ -65,8 +64,10 @@ def numbers(**vectors: Any) -> list[Array]:
 # ── Dynamics of one rigid body in any body-fixed frame. Modern Robotics section 8.2
 
 ROWS = 2048
-"""Rows per block: the six columns of an array, 96 KiB, fit in the second-level cache and stay below the size (128 KiB) from
-which the C library maps fresh pages for every temporary."""
+"""Number of rows of a block. Six columns are 96 KiB: they fit in the second-level cache, and stay below the 128 KiB from which
+the C library maps fresh pages for every temporary."""
+_MIN_MOMENT_RATIO = 1e-14
+"""Ratio of the smallest principal moment to the largest up to which it is zero but for rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +104,11 @@ class RigidBody:
                 f"a RigidBody is made of a SpatialInertia, got {type(self.inertia).__name__}. Write "
                 "SpatialInertia.from_com(mass, com, moment_about_com), or SpatialInertia.from_matrix(G) for a matrix (6, 6)."
             )
-        problem = "; ".join(self.inertia.defects())
-        if not problem and not self.inertia.mass > 0:
-            problem = "it has no mass"
-        if problem:
-            raise InertiaError(f"no rigid body has this inertia: {problem}. See nearest_consistent() and repair().")
+        defects = "; ".join(self.inertia.defects())
+        if not defects and not self.inertia.mass > 0:
+            defects = "it has no mass"
+        if defects:
+            raise InertiaError(f"no rigid body has this inertia: {defects}. See nearest_consistent() and repair().")
         object.__setattr__(self, "_matrix", self.inertia.matrix)
 
     # ── dynamics ──
@@ -140,8 +141,8 @@ class RigidBody:
             The body has no inertia about some axis, so that its acceleration is undefined.
         """
         moments, _ = self.inertia.principal()
-        smallest, _, largest = moments
-        if smallest <= 1e-14 * largest or largest == 0:
+        smallest_moment, _, largest_moment = moments
+        if smallest_moment <= _MIN_MOMENT_RATIO * largest_moment or largest_moment == 0:
             raise SingularMassMatrixError(
                 f"the body has no inertia about one of its axes (principal moments {moments.tolist()} kg m²), so its "
                 "angular acceleration is undetermined. Give it some thickness."
@@ -184,7 +185,8 @@ class RigidBody:
         F : (..., 6) array, (m, f) in {b} [N m, N]
         """
         arguments.pose(T_sb, "T_sb")
-        T, g = arguments.real(T_sb, "T_sb", 4, 4), arguments.real(gravity, "gravity", 3)
+        T = arguments.real(T_sb, "T_sb", 4, 4)
+        g = arguments.real(gravity, "gravity", 3)
         try:
             g_b = (np.swapaxes(T[..., :3, :3], -1, -2) @ g[..., None])[..., 0]
         except ValueError:
@@ -299,16 +301,17 @@ class RigidBody:
     # ── batches ──
 
     def _by_rows(self, law: Callable[..., Array], **vectors: ArrayLike) -> Array:
-        """Apply ``law(G, *columns)`` to (..., 6) arrays, in blocks of rows as contiguous (6, n) columns."""
-        arrays = arguments.together(**dict(zip(vectors, numbers(**vectors), strict=True)))
+        """Result (..., 6) of ``law(G, *columns)`` for vectors (..., 6), in blocks of rows as contiguous columns (6, n)."""
+        numbers_by_name = dict(zip(vectors, numbers(**vectors), strict=True))
+        arrays = arguments.together(**numbers_by_name)  # of a common batch shape
         dtype = np.result_type(*arrays)
         G = self._matrix.astype(dtype)
         shape = arrays[0].shape
-        all_rows = [array.reshape(-1, 6) for array in arrays]
-        result = np.empty((len(all_rows[0]), 6), dtype)
-        for first in range(0, len(result), ROWS):
-            block = slice(first, first + ROWS)
-            columns = [np.ascontiguousarray(rows[block].T) for rows in all_rows]
+        flat_arrays = [array.reshape(-1, 6) for array in arrays]
+        result = np.empty((len(flat_arrays[0]), 6), dtype)
+        for first_row in range(0, len(result), ROWS):
+            block = slice(first_row, first_row + ROWS)
+            columns = [np.ascontiguousarray(rows[block].T) for rows in flat_arrays]
             result[block] = law(G, *columns).T
         return result.reshape(shape)
 

@@ -19,7 +19,7 @@ CosineSine = Callable[[int], tuple[Any, Any]]
 
 
 def exact(values: Any) -> Any:
-    """Floats as Python numbers, whole ones as integers, so that SymPy simplifies factors 0 and ±1 away."""
+    """Floats as Python numbers, whole numbers as integers, so that SymPy simplifies factors 0 and ±1 away."""
     if np.ndim(values) == 0:
         x = float(values)
         return int(x) if x.is_integer() else x
@@ -42,20 +42,20 @@ def exact_rodrigues(w: Array, cosine: Any, sine: Any) -> Array:
 def euler_rotation(first: int, cosine_sine: CosineSine) -> Array:
     """Rot(z, alpha) Rot(y, beta) Rot(x, gamma) with the angles in entries ``first`` to ``first`` + 2."""
     x, y, z = np.eye(3)
-    alpha, beta, gamma = (cosine_sine(first + k) for k in range(3))
+    alpha, beta, gamma = (cosine_sine(first + k) for k in range(3))  # cosine and sine of each
     return np.asarray(exact_rodrigues(z, *alpha) @ exact_rodrigues(y, *beta) @ exact_rodrigues(x, *gamma))
 
 
 def euler_axis(k: int, first: int, cosine_sine: CosineSine) -> Array:
-    """ω_b per unit rate of alpha, beta or gamma (k = 0, 1, 2)."""
-    # cb, sb: cosine and sine of beta; cg, sg: of gamma
-    (cb, sb), (cg, sg) = cosine_sine(first + 1), cosine_sine(first + 2)
+    """ω_b per unit rate of alpha, beta or gamma (k = 0, 1, 2), with the angles in entries ``first`` to ``first`` + 2."""
+    cb, sb = cosine_sine(first + 1)  # of beta
+    cg, sg = cosine_sine(first + 2)  # of gamma
     columns = [(-sb, cb * sg, cb * cg), (0, cg, -sg), (1, 0, 0)]  # of E in euler_rates
     return np.array(columns[k], object)
 
 
 def euler_rates(angles: Array, rates: Array) -> tuple[Array, Array, Array]:
-    """Quaternion of ZYX Euler angles, E in ω_b = E times their rates, and dE/dt."""
+    """Quaternion of ZYX Euler angles (alpha, beta, gamma), the matrix E in ω_b = E times their rates, and dE/dt."""
     # cb, sb: cosine and sine of beta; cg, sg: of gamma; db, dg: rates of both
     (cb, cg), (sb, sg) = np.cos(angles[1:]), np.sin(angles[1:])
     _, db, dg = rates
@@ -63,10 +63,10 @@ def euler_rates(angles: Array, rates: Array) -> tuple[Array, Array, Array]:
     dE = np.array(
         [[-cb * db, 0, 0], [-sb * sg * db + cb * cg * dg, -sg * dg, 0], [-sb * cg * db - cb * sg * dg, -cg * dg, 0]]
     )
-    turns = []  # about z, y and x
-    for angle, axis in zip(angles, np.eye(3)[::-1], strict=True):
-        turns.append(np.r_[np.cos(angle / 2), np.sin(angle / 2) * axis])
-    Q_z, Q_y, Q_x = turns
+    quaternions = []
+    for angle, axis in zip(angles, np.eye(3)[::-1], strict=True):  # about z, y and x
+        quaternions.append(np.r_[np.cos(angle / 2), np.sin(angle / 2) * axis])
+    Q_z, Q_y, Q_x = quaternions
     Q = quaternion.multiply(quaternion.multiply(Q_z, Q_y), Q_x)
     return Q, E, dE
 
@@ -82,9 +82,9 @@ class ChartEntry:
     """Independent coordinate of a joint for Lagrange's equations."""
 
     letter: str
-    """First letter of its symbol."""
+    """First letter of the coordinate's symbol."""
     angle: bool
-    """True if it is an angle."""
+    """True if the coordinate is an angle."""
     meaning: str
     """Meaning in words."""
 
@@ -96,13 +96,13 @@ class Slider:
     label: str
     """Label after the joint's name."""
     coordinate: int
-    """Number of the coordinate, or of the first entry of the quaternion."""
+    """Index of the coordinate among those of the joint, or of the first entry of the quaternion."""
     unit: str
     """``"°"`` or ``"m"``."""
     reach: float
-    """Range on either side if there is no limit [rad or m]."""
+    """Length of the range on each side of zero if there is no limit [rad or m]."""
     turn: int | None = None
-    """Roll, pitch, yaw (0, 1, 2) of the quaternion that begins at ``coordinate``."""
+    """0, 1, 2 for roll, pitch, yaw of the quaternion that begins at ``coordinate``; None without a quaternion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +119,9 @@ class Joint:
     coordinate_suffixes: ClassVar[tuple[str, ...]] = ("",)
     """Suffixes of the coordinate names, appended to the joint's name; one empty text for joints with one coordinate."""
     velocity_suffixes: ClassVar[tuple[str, ...]] = ("",)
-    """Suffixes of the velocity names, likewise."""
+    """Suffixes of the velocity names, appended to the joint's name."""
     quaternion: ClassVar[int | None] = None
-    """Index of the first entry of a quaternion (w, x, y, z) among its coordinates."""
+    """Index of the first entry of a quaternion (w, x, y, z) among the joint's coordinates; None without a quaternion."""
     plain_rates: ClassVar[bool] = True
     """True if the velocities are the rates of the coordinates."""
     moves_body: ClassVar[bool] = True
@@ -129,9 +129,9 @@ class Joint:
     driven: ClassVar[bool] = True
     """True if an actuator may drive the joint; False for a free body."""
     wraps: ClassVar[tuple[int, ...]] = ()
-    """Coordinates that are unbounded angles, which logs may wrap at ±π."""
+    """Indices of coordinates that are unbounded angles, which logs may wrap at ±π."""
     pinocchio_order: ClassVar[tuple[int, ...]] = (0,)
-    """Order of its velocities in Pinocchio."""
+    """Index of each of the joint's velocities, in Pinocchio's order."""
 
     @property
     def nv(self) -> int:
@@ -145,7 +145,7 @@ class Joint:
 
     @property
     def neutral(self) -> Array:
-        """Coordinates at which the child's frame coincides with the joint's; (nq,)."""
+        """Coordinates (nq,) at which the child's frame coincides with the joint's frame."""
         q = np.zeros(self.nq)
         if self.quaternion is not None:
             q[self.quaternion] = 1.0
@@ -158,15 +158,15 @@ class Joint:
         -------
         answer : bool
         """
-        first = self.quaternion
-        if first is None:
+        if self.quaternion is None:
             return True
-        is_nonzero = np.any(q[..., first : first + 4], axis=-1)
+        quaternions = q[..., self.quaternion : self.quaternion + 4]
+        is_nonzero = np.any(quaternions, axis=-1)
         return bool(is_nonzero.all())
 
     @property
     def turning(self) -> tuple[bool, ...]:
-        """True for each velocity that is angular [rad/s, N m], False for linear ones [m/s, N]."""
+        """(nv,) True for angular velocities [rad/s, N m], False for linear velocities [m/s, N]."""
         return tuple(bool(axis[:3].any()) for axis in self.axes)
 
     @property
@@ -176,7 +176,7 @@ class Joint:
 
     @property
     def angle(self) -> tuple[int, int] | None:
-        """Index of the coordinate whose sine and cosine are used, and of its velocity; None for joints without an angle."""
+        """Index of the coordinate whose sine and cosine are used, and index of its velocity; None without an angle."""
         return 0, 0
 
     @classmethod
@@ -375,7 +375,7 @@ class Joint:
         return q
 
     def mujoco_rates(self, q: Array) -> Array:
-        """Matrix P that maps velocities to MuJoCo's, P dq at q.
+        """Matrix P of MuJoCo's velocities P dq at q.
 
         Returns
         -------

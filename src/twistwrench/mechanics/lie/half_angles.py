@@ -9,16 +9,16 @@ import numpy as np
 
 from .series import cot_coefficients
 
-# Quotients such as sin(x)/x are power series in x² up to 1 rad and closed forms above. Both are evaluated, each with its
-# argument clipped to its own side of 1 rad, and one is selected by a factor 0 or 1. So there is no branch, and values and all
-# derivatives are accurate at every angle.
+# Quotients such as sin(x)/x are power series in x² up to 1 rad and closed forms above. Both are evaluated, each with an
+# argument that is clipped to its side of 1 rad, and one is selected by a factor 0 or 1. So there is no branch, and values and
+# all derivatives are accurate at every angle.
 
 LARGEST_HALF_TURN = 2.0**14
-"""Maximum half angle [rad] of one step. Larger ones are clipped, so that their sines are finite; no real step is that long."""
+"""Maximum half angle [rad]. Larger ones are clipped, so that their sines are finite; no step of a motion is that long."""
 
 
 class HalfAngle(NamedTuple):
-    """Functions of an angle, computed from its square."""
+    """Values of three functions of an angle, computed from its square."""
 
     half: Any
     """sin(angle/2) / angle."""
@@ -40,13 +40,14 @@ _COTANGENT = list(cot_coefficients(28))
 
 def half_angle(square: Any) -> HalfAngle:
     """Half-angle terms from the square of an angle. Angles are clipped at twice :data:`LARGEST_HALF_TURN`."""
-    small_square, large_square = _clip_above(square, 1.0), _clip_below(square, 1.0)
+    small_square = _clip_above(square, 1.0)
+    large_square = _clip_below(square, 1.0)
     angle = np.sqrt(large_square)
-    half = _clip_above(0.5 * angle, LARGEST_HALF_TURN)
-    sine, cosine = np.sin(half), np.cos(half)
+    half_of_angle = _clip_above(0.5 * angle, LARGEST_HALF_TURN)
+    sine, cosine = np.sin(half_of_angle), np.cos(half_of_angle)
     is_large = 0.5 + 0.5 * _sign(square - 1.0)  # 1 above 1 rad, 0 below
     closed_half = sine / angle
-    closed_third = (1.0 - 2.0 * sine * cosine / angle) / large_square  # with sin(angle) = 2 sin(half) cos(half)
+    closed_third = (1.0 - 2.0 * sine * cosine / angle) / large_square  # sin(x) = 2 sin(x/2) cos(x/2)
     closed_forms = (closed_half, cosine, closed_third)
     functions: list[Any] = []
     for closed_form, coefficients in zip(closed_forms, (_HALF, _COSINE, _THIRD), strict=True):
@@ -75,7 +76,7 @@ def cotangent_quotient(square: Any) -> Any:
 
 
 def short_way(cosine: Any) -> Any:
-    """-1 if the rotation with this cosine of its half angle exceeds π, so that its opposite is shorter, else 1."""
+    """-1 if a rotation, by the cosine of its half angle, exceeds π, so that the opposite one is shorter; else 1."""
     sign = _sign(cosine)
     return sign + (1.0 - sign * sign)  # the second term makes it 1 at cosine 0, where the sign is 0
 
@@ -88,16 +89,19 @@ def _polynomial(coefficients: list[float], x: Any) -> Any:
     return total
 
 
-# Traced variables have their own sign and clip; numbers have not.
+# Traced variables have methods sign and clip; numbers have none.
 
 
 def _sign(x: Any) -> Any:
+    """Sign of a number or a traced variable: -1, 0 or 1."""
     return x.sign() if hasattr(x, "sign") else np.sign(x)
 
 
 def _clip_above(x: Any, maximum: float) -> Any:
+    """The smaller of x and ``maximum``."""
     return x.clip(-np.inf, maximum) if hasattr(x, "sign") else min(x, maximum)
 
 
 def _clip_below(x: Any, minimum: float) -> Any:
+    """The larger of x and ``minimum``."""
     return x.clip(minimum, np.inf) if hasattr(x, "sign") else max(x, minimum)

@@ -1,4 +1,4 @@
-"""Assembly of links and joints to a model with one body per joint, with fixed joints fused; and the tip, the default frame."""
+"""Assembly of links and joints to a model with one body per moving joint; and the tip, the default frame."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from .tree import Tree
 def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
     """Model with the joints of some bodies fixed: ``poses[i]`` is the pose T_joint,child (4, 4) of body i.
 
-    The inertia, frames and children of such a body move to the body that carries it; its coordinates and limits are
-    removed. If a leader is in ``poses``, its followers must be too.
+    The inertia, frames and children of a fixed body move to the body that carries it; its coordinates and limits are removed.
+    If a leader is in ``poses``, its followers must be too.
     """
     if not poses:
         return model
@@ -43,7 +43,7 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
     leaders = [body for body in moving_bodies if not body.follows and body.joint.nv]
     leaders.sort(key=lambda body: body.v_index)
     q_columns: list[int] = []  # remaining columns of q, in order
-    v_columns: list[int] = []
+    v_columns: list[int] = []  # remaining columns of dq
     for body in leaders:
         q_slice, v_slice = body.places
         q_columns += range(q_slice.start, q_slice.stop)
@@ -53,7 +53,7 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
     bodies = []
     for i, body in enumerate(moving_bodies):
         carrier, T = carriers[body.parent]
-        q_index, v_index = 0, 0
+        q_index, v_index = 0, 0  # of a body without coordinates
         if body.joint.nv:
             q_index, v_index = new_q_index[body.q_index], new_v_index[body.v_index]
         placement = snap_pose(product(T, body.placement), model.snap)
@@ -74,7 +74,7 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
 
 
 def _carriers(model: Model, poses: Mapping[int, Array]) -> dict[int, tuple[int, Array]]:
-    """For each body, the new index of the body that it becomes part of, and its pose there.
+    """New index of the body that each body becomes part of, and the pose (4, 4) there, by old index.
 
     A body that still moves is part of itself, and so is the base.
     """
@@ -94,7 +94,7 @@ def _carriers(model: Model, poses: Mapping[int, Array]) -> dict[int, tuple[int, 
 def _frames_on_carriers(
     frames: Mapping[str, Frame], carriers: Mapping[int, tuple[int, Array]], snap: float
 ) -> dict[str, Frame]:
-    """Frames on the bodies of which their bodies become a part."""
+    """Frames moved from their bodies to the bodies that these become part of."""
     new_frames: dict[str, Frame] = {}
     for name, frame in frames.items():
         carrier, T = carriers[frame.body]
@@ -108,11 +108,12 @@ def default_tip(model: Model) -> str | None:
     if not is_chain:
         return None
     last_body = len(model.bodies) - 1
-    return next((name for name in reversed(model.leaves) if model.frames[name].body == last_body), None)
+    leaves_of_last_body = (name for name in reversed(model.leaves) if model.frames[name].body == last_body)
+    return next(leaves_of_last_body, None)
 
 
 def check_tip(model: Model, tip: str | None) -> str | None:
-    """``tip`` if the model has this frame; None: the default tip; raises :class:`~twistwrench.UnknownNameError`."""
+    """``tip``, or the default tip for None; raises :class:`~twistwrench.UnknownNameError` if the model lacks the frame."""
     if tip is None:
         return default_tip(model)
     if tip not in model.all_frames:
@@ -139,6 +140,7 @@ class Additions:
     sites: dict[str, SiteEntry] = field(default_factory=dict)
     springs: list[Spring] = field(default_factory=list)
     configurations: dict[str, dict[str, ArrayLike]] = field(default_factory=dict)
+    """Positions of joints, by name of the configuration and of the joint."""
     closures: dict[str, OfferedClosure] = field(default_factory=dict)
     motor_joints: set[str] = field(default_factory=set)
     """Joints that the file's actuators drive."""
@@ -177,7 +179,8 @@ def assemble(
     for i, entry in enumerate(joints):
         body_of_link[entry.child] = i
         drive = joint_drives[entry.name]
-        if drive.leader not in leader_indices or drive.ratio == 0:
+        never_moves = drive.leader not in leader_indices or drive.ratio == 0
+        if never_moves:
             fixed_poses[i] = IDENTITY if entry.fixed else entry.joint.pose(np.array([drive.offset]))
         indices = leader_indices.get(drive.leader, _Indices(0, 0))
         follows = entry.name in drives
@@ -209,7 +212,7 @@ def assemble(
 
 
 def _with_configurations(model: Model, positions_by_name: Mapping[str, Mapping[str, ArrayLike]]) -> Model:
-    """Model with named configurations, each given by positions of joints; positions of followers are ignored."""
+    """Model with named configurations, from positions of joints by name; positions of followers are ignored."""
     configurations: dict[str, Array] = {}
     for name, positions in positions_by_name.items():
         leader_positions = {joint: positions[joint] for joint in model.joint_names if joint in positions}
@@ -233,7 +236,7 @@ def _leader_indices(leaders: Iterable[JointEntry]) -> dict[str, _Indices]:
 def _limits(
     leaders: Iterable[JointEntry], joints: Iterable[JointEntry], drives: Mapping[str, Drive]
 ) -> tuple[Limits, tuple[str, ...]]:
-    """Limits (nv,) of all leaders, shared with their followers, and the remarks on them."""
+    """Limits (nv,) of all leaders, which also keep their followers within theirs, and the remarks on them."""
     followers: dict[str, list[JointEntry]] = {}
     for entry in joints:
         if entry.name in drives:
@@ -254,7 +257,7 @@ def _limits(
 def _locked_joints(
     joints: Iterable[JointEntry], followers: Mapping[str, tuple[str, ...]]
 ) -> dict[str, tuple[str, ...]]:
-    """Followers of each joint that is fixed and was locked, in the order of the tree."""
+    """Followers of each locked joint, in the order of the tree; without joints that are not fixed any more."""
     locked: dict[str, tuple[str, ...]] = {}
     for entry in joints:
         if entry.fixed and entry.name in followers:
@@ -292,12 +295,14 @@ def _root_entry(root: str) -> JointEntry:
 def _friction_and_armature(
     joints: list[JointEntry], drives: Mapping[str, Drive], leader_indices: Mapping[str, _Indices], nv: int
 ) -> tuple[Friction, Array]:
-    """Friction and armature per velocity; friction and armature of followers are added to their leaders'.
+    """Friction and armature (nv,) of leaders, to which friction and armature of their followers are added.
 
     A follower moves at ratio * dq, and its torque acts on the leader times ratio: damping and armature are scaled by
     ratio², friction by |ratio|.
     """
-    damping, friction, armature = [0.0] * nv, [0.0] * nv, [0.0] * nv
+    damping = [0.0] * nv
+    friction = [0.0] * nv
+    armature = [0.0] * nv
     for entry in joints:
         drive = drives[entry.name]
         indices = leader_indices.get(drive.leader)

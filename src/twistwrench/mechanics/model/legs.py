@@ -38,7 +38,7 @@ MIN_FLAT_LEGS = 4
 MAX_MASS_DIFFERENCE = 0.1
 """Largest relative difference of the masses of legs that lie flat: fingers differ from their thumb by more."""
 MIN_OUTWARD_REACH = 0.05
-"""Least distance by which the end of a leg that lies flat is farther out than its hip, as a share of the robot's size."""
+"""Least outward distance from the hip to the end of a leg that lies flat, as a share of the robot's size."""
 MIN_PARALLEL_COSINE = 0.99
 """Least cosine of the angle between two axes that count as parallel."""
 MIN_SHARE_OF_MASS = 0.01
@@ -97,12 +97,12 @@ def legs_of(model: Model) -> tuple[tuple[str, ...], ...]:
     >>> legs_of(tw.robots.ur5().model), [leg[-1] for leg in legs_of(tw.robots.quadruped().model)]
     ((), ['FL_foot', 'FR_foot', 'RL_foot', 'RR_foot'])
     """
-    roots = _bodies_on_free_roots(model)
-    if roots:
+    free_roots = _bodies_on_free_roots(model)
+    if free_roots:
         positions: dict[str, Array] = {}
-        for body in roots:
-            coordinates, _ = body.places
-            positions[body.joint.name] = model.neutral[coordinates]
+        for body in free_roots:
+            coordinate_slice, _ = body.places
+            positions[body.joint.name] = model.neutral[coordinate_slice]
         model = lock(model, positions)
     if not model.gravity.any():
         model = with_gravity(model, GRAVITY)
@@ -114,7 +114,7 @@ def legs_of(model: Model) -> tuple[tuple[str, ...], ...]:
 
 
 def _bodies_on_free_roots(model: Model) -> list[Body]:
-    """Bodies that a joint without a drive, such as a floating one, connects to the base frame."""
+    """Bodies connected to the base frame by a joint without a drive, such as a floating joint."""
     return [body for body in model.bodies if body.parent == BASE and not body.joint.driven]
 
 
@@ -127,8 +127,8 @@ def _base_on_legs(model: Model) -> HangingBase | None:
     legs = stance.lowest_branches(up) or stance.sideways_branches(up) or stance.flat_branches(up)
     if not legs:
         return None
-    heaviest = max(stance.base, key=lambda name: model.link_inertias[name].mass)
-    return HangingBase(heaviest, tuple(sorted(legs)))
+    heaviest_link = max(stance.base, key=lambda name: model.link_inertias[name].mass)
+    return HangingBase(heaviest_link, tuple(sorted(legs)))
 
 
 class _Stance:
@@ -140,7 +140,9 @@ class _Stance:
         self.positions = {name: pose[:3, 3] for name, pose in frame_poses(model, model.neutral).items()}
         """Positions (3,) of the frames of links [m]."""
         self.base = _base_links(model)
+        """Links of the base."""
         self.chains = _chains(model)
+        """Links on each branch."""
         min_mass = MIN_SHARE_OF_MASS * (model.moving_mass + model.base_inertia.mass)
         heavy_links = [name for name in self.positions if model.link_inertias[name].mass > min_mass]
         sized_links = heavy_links or list(self.positions)
@@ -160,15 +162,15 @@ class _Stance:
         """Branches that reach the lowest frames, well below the base, with a support polygon that is not a line."""
         if not self.base or not self.chains:
             return set()
-        lowest_heights = {chain: float(self.heights(names, up).min()) for chain, names in self.chains.items()}
-        ground_height = min(lowest_heights.values())
+        foot_heights = {chain: float(self.heights(names, up).min()) for chain, names in self.chains.items()}
+        ground_height = min(foot_heights.values())
         base_height = self.heights(self.base, up).min() - ground_height
         if base_height <= MIN_BASE_HEIGHT * self.size:
             return set()
         max_height = ground_height + MAX_HEIGHT_DIFFERENCE * self.size
-        on_ground = [branch for branch, height in lowest_heights.items() if height <= max_height]
+        branches_on_ground = [branch for branch, height in foot_heights.items() if height <= max_height]
         legs = set[Chain]()
-        for pair in combinations(on_ground, 2):
+        for pair in combinations(branches_on_ground, 2):
             if _are_legs(self.model, *pair):
                 legs.update(pair)
         if not legs or self._fall_over(legs, up):
@@ -176,23 +178,23 @@ class _Stance:
         return legs
 
     def _fall_over(self, legs: set[Chain], up: Array) -> bool:
-        """True if feet stand in one line, and nothing keeps the robot from falling over that line.
+        """True if feet stand in one line, and the robot falls over that line.
 
-        Three legs or more cannot keep it. Two legs cannot if all their joints turn about the horizontal normal of the line.
+        Three legs or more then fall. Two legs fall if all their joints turn about the horizontal normal of the line.
         """
         feet = np.array([self._foot(leg, up) for leg in sorted(legs)])
-        footprint = feet - np.outer(feet @ up, up)  # horizontal positions
-        _, _, directions = np.linalg.svd(footprint - footprint.mean(axis=0))
-        along_feet = directions[0]  # direction of the line of best fit
-        normal = np.cross(up, along_feet)
+        horizontal_positions = feet - np.outer(feet @ up, up)
+        _, _, directions = np.linalg.svd(horizontal_positions - horizontal_positions.mean(axis=0))
+        line_direction = directions[0]  # of the line of best fit
+        normal = np.cross(up, line_direction)
         if _hip_count(legs) > 2:
-            polygon_width = np.ptp(footprint @ normal)
+            polygon_width = np.ptp(horizontal_positions @ normal)
             return bool(polygon_width < MIN_POLYGON_WIDTH * self.size)
         for leg in legs:
             for body in leg:
                 axis = self._axis(body)
                 if axis is None or abs(axis @ normal) <= MIN_PARALLEL_COSINE:
-                    return False
+                    return False  # this joint moves its leg out of the plane in which the robot falls
         return True
 
     def _foot(self, leg: Chain, up: Array) -> Array:
@@ -210,15 +212,18 @@ class _Stance:
         return np.asarray(axis / np.linalg.norm(axis))
 
     def sideways_branches(self, up: Array) -> set[Chain]:
-        """Long legs of a robot whose height is not along gravity; a heavier branch, as trunk and arm, reaches the other way."""
+        """Long legs of a robot whose height is not along gravity; a heavier branch, as trunk and arm, reaches the other way.
+
+        The six directions of the base's axes are tried as the height.
+        """
         for height_axis in (*np.eye(3), *-np.eye(3)):
             if abs(height_axis @ up) >= MIN_PARALLEL_COSINE:
                 continue
             legs = self.lowest_branches(height_axis)
             if _hip_count(legs) < 2:
                 continue
-            lengths = [(self._hip(leg) - self._foot(leg, height_axis)) @ height_axis for leg in legs]
-            if min(lengths) <= MIN_BASE_HEIGHT * self.size:
+            leg_lengths = [(self._hip(leg) - self._foot(leg, height_axis)) @ height_axis for leg in legs]
+            if min(leg_lengths) <= MIN_BASE_HEIGHT * self.size:
                 continue
             base_height = float(self.heights(self.base, height_axis).max())
             min_height = base_height + MIN_BASE_HEIGHT * self.size
@@ -226,7 +231,8 @@ class _Stance:
             for branch, names in self.chains.items():
                 if branch not in legs and self.heights(names, height_axis).max() > min_height:
                     upper_masses.append(self._mass(branch))
-            if max(upper_masses, default=0.0) > max(map(self._mass, legs)):
+            heaviest_leg_mass = max(map(self._mass, legs))
+            if max(upper_masses, default=0.0) > heaviest_leg_mass:
                 return legs
         return set()
 
@@ -235,6 +241,7 @@ class _Stance:
         return np.asarray(self.poses[chain[0]][:3, 3])
 
     def _mass(self, chain: Chain) -> float:
+        """Mass of a branch's bodies [kg]."""
         return sum(self.model.bodies[body].inertia.mass for body in chain)
 
     def flat_branches(self, up: Array) -> set[Chain]:
@@ -242,11 +249,12 @@ class _Stance:
         if not self.base:
             return set()
         max_height = float(self.heights(self.base, up).max()) + MAX_HEIGHT_DIFFERENCE * self.size
+        min_reach = MIN_OUTWARD_REACH * self.size
         outward_branches = list[Chain]()
         for chain, names in self.chains.items():
             is_long = len(chain) >= MIN_JOINTS_OF_LEG
             is_low = self.heights(names, up).max() <= max_height
-            if is_long and is_low and self._outward_reach(chain, up) > MIN_OUTWARD_REACH * self.size:
+            if is_long and is_low and self._outward_reach(chain, up) > min_reach:
                 outward_branches.append(chain)
         for branch in outward_branches:
             alike = {other for other in outward_branches if self._are_alike(other, branch)}
@@ -266,15 +274,16 @@ class _Stance:
 
     def _hip_offset(self, chain: Chain, up: Array) -> Array:
         """Horizontal vector from the base's centre to a branch's first joint."""
-        horizontal_part = np.eye(3) - np.outer(up, up)
-        return np.asarray(horizontal_part @ (self._hip(chain) - self._centre()))
+        horizontal_projector = np.eye(3) - np.outer(up, up)
+        return np.asarray(horizontal_projector @ (self._hip(chain) - self._centre()))
 
     def _outward_reach(self, chain: Chain, up: Array) -> float:
-        """Horizontal distance from the base's centre of a branch's farthest frame, less that of its first joint [m]."""
-        horizontal_part = np.eye(3) - np.outer(up, up)
-        offsets = (self.positions_of(self.chains[chain]) - self._centre()) @ horizontal_part
-        farthest = np.linalg.norm(offsets, axis=1).max()
-        return float(farthest - np.linalg.norm(self._hip_offset(chain, up)))
+        """Difference of horizontal distances from the base's centre: of a branch's farthest frame and its first joint [m]."""
+        horizontal_projector = np.eye(3) - np.outer(up, up)
+        offsets = (self.positions_of(self.chains[chain]) - self._centre()) @ horizontal_projector
+        farthest_distance = np.linalg.norm(offsets, axis=1).max()
+        hip_distance = np.linalg.norm(self._hip_offset(chain, up))
+        return float(farthest_distance - hip_distance)
 
     def _centre(self) -> Array:
         """Centre of the base's mass, or of its frames if it has none."""
@@ -284,7 +293,10 @@ class _Stance:
         return np.asarray(np.mean(self.positions_of(self.base), axis=0))
 
     def _surround(self, legs: set[Chain], up: Array) -> bool:
-        """True if the base's centre is inside the polygon of the hips: seen from it, neighbours are less than 180° apart."""
+        """True if the base's centre is inside the polygon of the hips.
+
+        Seen from the centre, neighbouring hips are then less than 180° apart.
+        """
         hips = np.array([self._hip_offset(leg, up) for leg in sorted(legs)])
         _, _, directions = np.linalg.svd(up[None])
         x_axis = directions[1]  # some horizontal unit vector; directions[0] is along ``up``
@@ -295,7 +307,7 @@ class _Stance:
 
 
 def _hip_count(legs: set[Chain]) -> int:
-    """Number of first joints; branches that part further out share theirs."""
+    """Number of different first joints; branches that part further out have one in common."""
     return len({leg[0] for leg in legs})
 
 
@@ -316,12 +328,12 @@ def frame_poses(model: Model, q: Array) -> dict[str, Array]:
     >>> bool(np.allclose(frame_poses(arm.model, np.array([0.3, 0.4]))["tip"], arm.forward_kinematics([0.3, 0.4])))
     True
     """
-    bodies = _body_poses(model, q)
+    body_poses = _body_poses(model, q)
     poses: dict[str, Array] = {}
     for name, frame in model.frames.items():
         T = frame.pose
         if frame.body != BASE:
-            T = bodies[frame.body] @ T
+            T = body_poses[frame.body] @ T
         poses[name] = np.asarray(T)
     return poses
 
@@ -337,16 +349,17 @@ def _body_poses(model: Model, q: Array) -> list[Array]:
     return poses
 
 
-def _chains(model: Model) -> Mapping[tuple[int, ...], list[str]]:
-    """Bodies from the base to each last body, with the links on them; branches without links are left out."""
-    moving = [i for i, body in enumerate(model.bodies) if body.joint.moves_body]
-    last_bodies = set(moving) - {model.bodies[i].parent for i in moving}
+def _chains(model: Model) -> Mapping[Chain, list[str]]:
+    """Names of the links on each branch, from the base to a last body; branches without links are left out."""
+    moving_bodies = [i for i, body in enumerate(model.bodies) if body.joint.moves_body]
+    last_bodies = set(moving_bodies) - {model.bodies[i].parent for i in moving_bodies}
     links_of_body: dict[int, list[str]] = {}
     for name, frame in model.frames.items():
         links_of_body.setdefault(frame.body, []).append(name)
     links_of_chain: dict[Chain, list[str]] = {}
     for last_body in sorted(last_bodies):
-        chain = tuple(_inward_chain(model, last_body))[::-1]
+        inward_chain = tuple(_inward_chain(model, last_body))
+        chain = inward_chain[::-1]
         names: list[str] = []
         for body in chain:
             names += links_of_body.get(body, [])
@@ -362,32 +375,36 @@ def _inward_chain(model: Model, body: int) -> Iterator[int]:
         body = model.bodies[body].parent
 
 
-def _are_legs(model: Model, first_chain: tuple[int, ...], second_chain: tuple[int, ...]) -> bool:
+def _are_legs(model: Model, first_chain: Chain, second_chain: Chain) -> bool:
     """True if two chains part near the base, have enough joints of their own, and no loop joins them."""
-    shared_joints = len(set(first_chain) & set(second_chain))
-    first, second = set(first_chain[shared_joints:]), set(second_chain[shared_joints:])
-    fewest_joints = min(len(first), len(second))
-    if fewest_joints < MIN_JOINTS_OF_LEG or fewest_joints < shared_joints:  # too short; or they part far from the base
+    shared_count = len(set(first_chain) & set(second_chain))
+    first_leg = set(first_chain[shared_count:])
+    second_leg = set(second_chain[shared_count:])
+    fewest_joints = min(len(first_leg), len(second_leg))
+    if fewest_joints < MIN_JOINTS_OF_LEG or fewest_joints < shared_count:  # too short; or they part far from the base
         return False
-    return not _loops_join(model, first, second)
+    return not _loops_join(model, first_leg, second_leg)
 
 
-def _loops_join(model: Model, first: set[int], second: set[int]) -> bool:
+def _loops_join(model: Model, first_leg: set[int], second_leg: set[int]) -> bool:
     """True if loop closures join two branches, directly or by other bodies, or hold one of them to the base."""
     child_counts = Counter(body.parent for body in model.bodies if body.joint.moves_body)
     loops = []
     for closure in model.closures.values():
-        side_a, side_b = _tail(model, closure.frame_a, child_counts), _tail(model, closure.frame_b, child_counts)
+        side_a = _tail(model, closure.frame_a, child_counts)
+        side_b = _tail(model, closure.frame_b, child_counts)
         loops.append(side_a | side_b)
-    joined_to_first, joined_to_second = _bodies_joined_to(first, loops), _bodies_joined_to(second, loops)
-    if joined_to_first & second:  # then joined_to_second contains bodies of the first, too
+    joined_to_first = _bodies_joined_to(first_leg, loops)
+    joined_to_second = _bodies_joined_to(second_leg, loops)
+    if joined_to_first & second_leg:  # then joined_to_second contains bodies of the first leg, too
         return True
     return BASE in joined_to_first | joined_to_second
 
 
 def _bodies_joined_to(start: set[int], loops: Sequence[set[int]]) -> set[int]:
     """Bodies of ``start``, and those that loop closures join to them, directly or by other bodies."""
-    joined, previous_count = set(start), 0
+    joined = set(start)
+    previous_count = 0
     while previous_count != len(joined):
         previous_count = len(joined)
         for loop in loops:
@@ -397,11 +414,14 @@ def _bodies_joined_to(start: set[int], loops: Sequence[set[int]]) -> set[int]:
 
 
 def _tail(model: Model, frame: str, child_counts: Mapping[int, int]) -> set[int]:
-    """Bodies from a frame's own body inward, up to the first that carries several bodies; {BASE} for a frame on the base."""
+    """Bodies from a frame's own body inward, before the next one that carries several bodies; {BASE} for a frame on the base.
+
+    The frame's own body always belongs to them.
+    """
     bodies = set[int]()
     for body in _inward_chain(model, model.all_frames[frame].body):
         carries_several = child_counts[body] > 1
-        if bodies and carries_several:  # the frame's own body belongs to the loop, whatever it carries
+        if bodies and carries_several:
             break
         bodies.add(body)
     return bodies or {BASE}

@@ -1,7 +1,7 @@
 """Motions in files of arrays and tables (npz, npy, MAT, HDF5, parquet, feather) and in archives of simulations.
 
 An array (n,) is a column with the array's name; the columns of an array (n, k) are numbered, ``q1`` to ``qk``. Other
-arrays are ignored, as are columns whose length differs from that of most. Rows are decoded in portions if the format
+arrays are ignored, as are columns of another length than most columns have. Rows are decoded in portions if the format
 allows it.
 """
 
@@ -32,12 +32,14 @@ from .stored_array import NUMBER_KINDS, Reader, StoredArray
 
 MAX_COLUMNS = 10_000
 """Largest number of columns of an array, and of numbers in a row of it."""
+_MAX_NUMBER_SIZE = 8
+"""Size of the largest numbers [bytes]."""
 _PORTION_SIZE = 1 << 26
-"""Largest size of a portion of an array [bytes]."""
+"""Largest size of a portion of an array [bytes]: 64 MiB."""
 
 
 def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
-    """Open a file of arrays, or one ``episode`` of it. A file with another suffix is read as that of a simulation.
+    """Open a file of arrays, or one ``episode`` of it. A file with another suffix is read as the archive of a simulation.
 
     Raises NotFoundError, MissingExtraError and TrajectoryError.
     """
@@ -52,7 +54,7 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         return simulation_file(file)
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
         arrays, notes = reader(file)
-    max_row_size = 8 * MAX_COLUMNS  # bytes
+    max_row_size = _MAX_NUMBER_SIZE * MAX_COLUMNS  # bytes
     wide_arrays = [name for name, array in arrays.items() if array.shape and array.row_size > max_row_size]
     if wide_arrays:
         note = f"Not read, as a row of it has more than {MAX_COLUMNS} numbers: {listed(wide_arrays)}."
@@ -67,15 +69,16 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         episode_rows = _episode_rows(path, arrays.get(EPISODES), episode)
 
     def read_portions(used: Sequence[int]) -> Iterator[Array]:
+        """Yield portions (m, k) of the rows of the k columns with the given indices."""
         used_columns = [columns[k] for k in used or (0,)]  # without columns, any one shows the number of rows
         used_arrays = {column.array: arrays[column.array] for column in used_columns}
-        size = sum(array.size for array in used_arrays.values())
+        total_size = sum(array.size for array in used_arrays.values())
+        check_ratio(path, total_size, file.size)
         largest_row_size = max(1, *(array.row_size for array in used_arrays.values()))
-        check_ratio(path, size, file.size)
-        row_limit = max(1, min(log_table.ROWS, _PORTION_SIZE // largest_row_size))
-        first_dates: dict[int, Array] = {}
+        max_rows = max(1, min(log_table.ROWS, _PORTION_SIZE // largest_row_size))
+        first_dates: dict[int, Array] = {}  # by column
         begin = 0
-        for portions in zip(*[array.portions(row_limit) for array in used_arrays.values()], strict=True):
+        for portions in zip(*[array.portions(max_rows) for array in used_arrays.values()], strict=True):
             portion_by_array = dict(zip(used_arrays, portions, strict=True))
             end = begin + len(portions[0])
             selected_rows: Any = ...
@@ -85,7 +88,7 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
             table_columns = []
             for k, column in enumerate(used_columns):
                 values = portion_by_array[column.array][column.index][selected_rows]
-                if values.dtype.kind in "mM":  # dates and durations: seconds since the first
+                if values.dtype.kind in "mM":  # dates and durations become seconds since the first one
                     first_date = first_dates.setdefault(k, values[:1])
                     values = (values - first_date) / np.timedelta64(1, "s")
                 table_columns.append(values)
@@ -111,7 +114,7 @@ class _Column:
 
 
 def _columns(arrays: Mapping[str, StoredArray]) -> list[_Column]:
-    """Numeric columns of the most frequent length; of the greatest one if several are equally frequent."""
+    """Numeric columns of the most frequent length; of the greatest length if several are equally frequent."""
     columns_by_length: dict[int, list[_Column]] = defaultdict(list)
     for name, array in arrays.items():
         if array.shape:
@@ -124,8 +127,9 @@ def _columns(arrays: Mapping[str, StoredArray]) -> list[_Column]:
 
 
 def _array_columns(name: str, array: StoredArray) -> list[_Column]:
-    """Numeric columns of an array (n,), with fields or without, or (n, k)."""
-    dtype, shape = array.dtype, array.shape
+    """Numeric columns of an array (n,), with fields or without, or (n, k); empty for other arrays."""
+    dtype = array.dtype
+    shape = array.shape
     if len(shape) == 1 and dtype.names:
         return _field_columns(name, dtype)
     if dtype.kind not in NUMBER_KINDS:
@@ -143,7 +147,7 @@ def _array_columns(name: str, array: StoredArray) -> list[_Column]:
 
 
 def _field_columns(name: str, dtype: np.dtype[Any]) -> list[_Column]:
-    """Columns of the fields of an array (n,) that hold one number each."""
+    """Columns of those fields of an array (n,) that hold one number each."""
     columns = []
     for field in dtype.names or ():
         is_number = dtype[field].kind in NUMBER_KINDS and not dtype[field].shape
@@ -170,9 +174,10 @@ def _episode_rows(path: Path, episodes: StoredArray | None, episode: int | None)
         return None
     if episode is None or episode not in episode_numbers:
         finding = "several episodes" if episode is None else f"no episode {episode}"
-        first, last = int(episode_numbers[0]), int(episode_numbers[-1])
+        first_episode, last_episode = int(episode_numbers[0]), int(episode_numbers[-1])
         raise TrajectoryError(
-            f"{path}: has {finding}: {first} to {last}. Choose one: {{0}}.", Argument("episode", first)
+            f"{path}: has {finding}: {first_episode} to {last_episode}. Choose one: {{0}}.",
+            Argument("episode", first_episode),
         )
     return np.asarray(episode_of_row == episode)
 
@@ -184,3 +189,4 @@ _READERS: Mapping[str, Reader] = {
     **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
     **dict.fromkeys((".parquet", ".feather", ".arrow"), read_arrow),
 }
+"""Reader by the suffix of a file."""

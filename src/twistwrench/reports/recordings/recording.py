@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from ..torque_report import TorqueReport
 
 NANOSECONDS = 10**9
-"""Nanoseconds of a second."""
+"""Number of nanoseconds in a second."""
 _MAX_STAMP = 2**31
-"""Largest ROS time stamp [s]."""
+"""Time [s] from which there is no ROS time stamp."""
 _CHUNK = 8192
-"""Rows computed at once."""
+"""Number of rows that are computed at once."""
 _QUANTITIES = {"position": "q", "velocity": "dq", "effort": "tau"}
 """Fields of a JointState and the quantities stored in them."""
 
@@ -56,11 +56,11 @@ class Recording:
     robot: Robot
     """Robot of the motion."""
     epoch: int
-    """Stamp of time 0 [ns]."""
+    """Time stamp of the motion's time 0 [ns]."""
     span: tuple[float, float]
     """First and last time [s]."""
     portions: Iterator[Portion]
-    """Chunks of rows in the order of time; they can be read once."""
+    """Chunks of rows in the order of time, which can be iterated once."""
     limits: JointStates | None = None
     """Velocity and torque limits, (1, nv) each."""
     verdict: tuple[Word, str] | None = None
@@ -92,8 +92,10 @@ class Recording:
 
     @cached_property
     def joints(self) -> tuple[list[str], Array, Array]:
-        """Joints with one coordinate: names and indices in q and in dq."""
-        names, q_indices, v_indices = list[str](), list[int](), list[int]()
+        """Joints with one coordinate: names, indices in q, and indices in dq."""
+        names = list[str]()
+        q_indices = list[int]()
+        v_indices = list[int]()
         for body in self.robot.model.leaders:
             if body.joint.nq == 1:
                 names.append(body.joint.name)
@@ -103,16 +105,16 @@ class Recording:
 
     @cached_property
     def units(self) -> dict[str, list[str]]:
-        """Units of the positions, velocities and efforts of the joints with one coordinate."""
+        """Units of the positions, velocities and efforts of the joints with one coordinate, by field of a JointState."""
         _, _, v_indices = self.joints
-        are_turning = self.coordinates.angular_velocity[v_indices].tolist()
+        joints_turn = self.coordinates.angular_velocity[v_indices].tolist()
         units = {}
         for name, quantity in _QUANTITIES.items():
-            units[name] = [unit_of(quantity, is_turning) for is_turning in are_turning]
+            units[name] = [unit_of(quantity, turns) for turns in joints_turn]
         return units
 
     def values(self, states: JointStates) -> dict[str, Array]:
-        """Known positions, velocities and efforts (n, joints) of the joints with one coordinate."""
+        """Known positions, velocities and efforts (n, joints) of the joints with one coordinate, by field of a JointState."""
         _, q_indices, v_indices = self.joints
         values = {}
         if states.q is not None:
@@ -126,11 +128,11 @@ class Recording:
     def stamps(self, time: Array) -> Array:
         """Stamps (n,) of times [ns]; raises ValueRangeError if they are negative or too large for ROS."""
         stamps = self.epoch + np.rint(time * NANOSECONDS).astype(np.int64)
-        first, last = stamps[0], stamps[-1]
-        if first < 0 or last >= _MAX_STAMP * NANOSECONDS:
+        first_stamp, last_stamp = stamps[0], stamps[-1]
+        if first_stamp < 0 or last_stamp >= _MAX_STAMP * NANOSECONDS:
             raise ValueRangeError(
                 f"stamps of recordings are from 0 to {_MAX_STAMP} s, and the motion is from "
-                f"{seconds(first / NANOSECONDS)} to {seconds(last / NANOSECONDS)} s. Shift its times, for example "
+                f"{seconds(first_stamp / NANOSECONDS)} to {seconds(last_stamp / NANOSECONDS)} s. Shift its times, for example "
                 "to begin at 0."
             )
         return stamps
@@ -140,27 +142,28 @@ def _results(report: TorqueReport) -> Iterator[Portion]:
     """Chunks of a report: log, computed torques, their causes, and shares of limits."""
     load = report.load
     model = load.with_load.model
+    # causes of the terms that are zero without them
     causes = {"spring": model.springs, "payload": load.payloads, "wrench": load.wrenches, "friction": load.friction}
-    for surrounded, log_rows, inner in report.differentiation.surrounded_states(_CHUNK):
-        states = surrounded[inner]
+    for surrounded_states, log_rows, inner_rows in report.differentiation.surrounded_states(_CHUNK):
+        states = surrounded_states[inner_rows]
         torques = load.torques(states)
-        series = {
-            "joint_states": _logged_states(log_rows, inner),
+        states_by_topic = {
+            "joint_states": _logged_states(log_rows, inner_rows),
             "torque": JointStates(states.q, states.dq, torques),
         }
         for name, values in load.terms(states).items():
-            if name not in causes or causes[name]:  # without springs, for example, no series of zeros
-                series[f"torque/{name}"] = JointStates(tau=values)
+            if name not in causes or causes[name]:
+                states_by_topic[f"torque/{name}"] = JointStates(tau=values)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.abs(load.drive_torques(torques)) / report.limits.effort
         for joints, A, _ in model.coupled:  # each coupled joint has the largest share of its motors
             share[:, joints] = np.max(share[:, joints, None] * (A != 0), axis=1)
-        series["share"] = JointStates(tau=share)
-        yield states.time, states.q, series
+        states_by_topic["share"] = JointStates(tau=share)
+        yield states.time, states.q, states_by_topic
 
 
 def _logged_states(log_rows: LogRows, inner: slice) -> JointStates:
-    """States of a part of a log's rows; velocities and torques if it has them."""
+    """States of the rows ``inner`` of a log; velocities and torques are None if the log has none."""
     dq = log_rows.dq
     if dq is not None:
         dq = dq[inner]

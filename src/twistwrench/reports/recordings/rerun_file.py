@@ -33,28 +33,29 @@ def write_rerun(path: str | Path, recording: Recording) -> Path:
     path = as_path(path)
     rerun = require_rerun()
     description = robot_description(recording.robot.model, local=True)
-    moving = MovingJoints(recording.robot, description)
+    moving_joints = MovingJoints(recording.robot, description)
     with replacing(path) as scratch:
         stream = rerun.RecordingStream("twistwrench")
         stream.save(scratch)
-        tree = _log_links(rerun, stream, moving.description)
+        joint_tree = _log_links(rerun, stream, moving_joints.description)
         curves = _CurveWriter(rerun, stream, recording)
         for time, q, states_by_topic in recording.portions:
             stamps = recording.stamps(time)
-            coordinates = moving.coordinates(q)
-            for joint in tree.joints():
-                if joint.name in coordinates:  # a joint beyond its limits is drawn at its value
+            coordinates = moving_joints.coordinates(q)
+            for joint in joint_tree.joints():
+                if joint.name in coordinates:
+                    # clamp=False: a joint beyond its limits is drawn at its value
                     columns = joint.compute_transform_columns(coordinates[joint.name], clamp=False)
                     stream.send_columns("transforms", curves.time_columns(stamps), columns)
-            for parent, child, positions, quaternions in moving.transforms(q):
+            for parent, child, positions, quaternions in moving_joints.transforms(q):
                 frames = {"parent_frame": [parent] * len(q), "child_frame": [child] * len(q)}
                 columns = rerun.Transform3D.columns(translation=positions, quaternion=quaternions, **frames)
                 stream.send_columns("transforms", curves.time_columns(stamps), columns)
             for topic, states in states_by_topic.items():
                 curves.send(topic, states, stamps)
         if recording.limits is not None:  # constant curves from the first to the last time
-            ends = recording.stamps(np.array(recording.span))
-            curves.send("limits", _duplicate_rows(recording.limits), ends)
+            end_stamps = recording.stamps(np.array(recording.span))
+            curves.send("limits", _duplicate_rows(recording.limits), end_stamps)
         if recording.verdict is not None:
             _, text = recording.verdict
             stream.log("verdict", rerun.TextDocument(text), static=True)
@@ -74,13 +75,13 @@ class _CurveWriter:
         """Paths of the curves whose names are sent."""
 
     def time_columns(self, stamps: Array) -> list[Any]:
-        """Column of times [ns], with the date if the log has it."""
+        """Column of times from stamps [ns]; dates if the log has them, else durations."""
         if self._recording.epoch > SINCE_1970 * NANOSECONDS:
             return [self._rerun.TimeColumn("time", timestamp=stamps.astype("datetime64[ns]"))]
         return [self._rerun.TimeColumn("time", duration=stamps.astype("timedelta64[ns]"))]
 
     def send(self, topic: str, states: JointStates, stamps: Array) -> None:
-        """Send the curves of a topic at times [ns]; the name of a curve is sent once."""
+        """Send the curves of a topic with their time stamps [ns]; the name of a curve is sent once."""
         for path, unit, values in _curves(self._recording, topic, states):
             entity = self._rerun.new_entity_path(path)
             if entity not in self._named_entities:
@@ -111,7 +112,7 @@ def _curves(recording: Recording, topic: str, states: JointStates) -> Iterator[t
     joint_names, _, _ = recording.joints
     is_result = topic == "share" or topic.startswith("torque")
     for quantity, values in recording.values(states).items():
-        if is_result and quantity != "effort":  # positions and velocities are those of the motion's own topic
+        if is_result and quantity != "effort":  # the motion's own topic has positions and velocities
             continue
         path = topic.split("/") if is_result else [topic, quantity]
         units = ["1"] * len(joint_names) if topic == "share" else recording.units[quantity]

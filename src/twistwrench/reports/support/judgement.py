@@ -23,17 +23,19 @@ if TYPE_CHECKING:
     from .ground_support import GroundSupport
 
 _MAX_STILL_VELOCITY = 1e-6
-"""Velocity of a contact relative to the fastest below which it does not move."""
+"""Speed of a contact, as a share of the fastest contact's, up to which it does not move."""
 _FRICTION_STEP = 0.001
 """Least coefficient of friction that is stated, unless none is needed."""
 _EQUAL_MARGINS = 1e-3
 """Difference of two margins in speed that counts as none."""
 _MIN_SPEED_FACTOR = 0.005
-"""Factor of the speed that counts as none."""
+"""Factor of the speed up to which a slower motion is not offered as a remedy."""
 _MAX_LISTED = 4
 """Largest number of frames that a sentence names."""
 _ROUND_OFF = 1e-6
-"""Share of a step of rounding by which a number may exceed a step without the next one being stated."""
+"""Excess over a whole number of steps, as a share of a step, up to which a number is not rounded up to the next step."""
+_MILLI = 1e3
+"""Factor of metres for millimetres."""
 
 
 def support_verdict(found: GroundSupport) -> Verdict:
@@ -44,29 +46,33 @@ def support_verdict(found: GroundSupport) -> Verdict:
     if found.ground_doubt:
         return Verdict.from_reasons(unsure=[found.ground_doubt])
     unsure = list(_doubts(found))
-    failing = _judged_rows(found) & ~found.holds
+    fails = _judged_rows(found) & ~found.holds  # at each instant
     if not found.ground.given:  # then only failures that no friction prevents
-        failing = failing & ~np.isfinite(found.friction)
-    beyond_noise = failing if found.noise is None else failing & found.noise.certain
+        fails = fails & ~np.isfinite(found.friction)
+    fails_beyond_noise = fails
+    if found.noise is not None:
+        fails_beyond_noise = fails & found.noise.certain
     over = []
-    if beyond_noise.any():
-        over.append(_failure(found, beyond_noise))
-    elif failing.any():
-        unsure.append(f"within the noise of the log it {_failure(found, failing)}")
-    if not found.ground.given and not over and _needed_friction(found) > ASSUMED_FRICTION:
+    if fails_beyond_noise.any():
+        over.append(_failure(found, fails_beyond_noise))
+    elif fails.any():
+        unsure.append(f"within the noise of the log it {_failure(found, fails)}")
+    needs_more_friction = _needed_friction(found) > ASSUMED_FRICTION
+    if needs_more_friction and not found.ground.given and not over:
         unsure.append(_friction_question(found))
-    if found.noise is not None and found.noise.hides and not failing.any():
+    if found.noise is not None and found.noise.hides and not fails.any():
         unsure.append(found.noise.words)
     return Verdict.from_reasons(over=over, unsure=unsure)
 
 
 def _friction_question(found: GroundSupport) -> str:
     """Reason to be unsure on ground whose friction is not given: how much is needed, and when."""
-    k = int(np.where(_judged_rows(found), found.friction, -1.0).argmax())
-    stated = spell(Argument("contact_friction", Placeholder("VALUE")))
-    need = _friction_text(_needed_friction(found))
-    text = f"needs friction {need} at t = {seconds(float(found.time[k]))} s, and none is given"
-    return Reason(text, stated)
+    friction_of_judged = np.where(_judged_rows(found), found.friction, -1.0)  # -1: less than any friction
+    k = int(friction_of_judged.argmax())
+    remedy = spell(Argument("contact_friction", Placeholder("VALUE")))
+    needed = _friction_text(_needed_friction(found))
+    text = f"needs friction {needed} at t = {seconds(float(found.time[k]))} s, and none is given"
+    return Reason(text, remedy)
 
 
 def _doubts(found: GroundSupport) -> Iterator[str]:
@@ -88,9 +94,10 @@ def _doubts(found: GroundSupport) -> Iterator[str]:
 
 def _balancing_doubt(found: GroundSupport) -> str:
     """Reason to be unsure of a robot whose contacts lie on one line."""
-    contacts = np.flatnonzero(found.in_contact[found.balancing].any(axis=0))
-    frames = sorted({found.ground.contacts[k].frame or "" for k in contacts})
-    if len(frames) != len(found.contacts):
+    carries = found.in_contact[found.balancing].any(axis=0)  # of each contact
+    frames = sorted({found.ground.contacts[k].frame or "" for k in np.flatnonzero(carries)})
+    feet_are_points = len(frames) == len(found.contacts)  # each foot has one contact, and all of them carry
+    if not feet_are_points:
         return f"it can only balance {_span_text(found.time, found.balancing)}, on one line of contacts"
     sizes = spell(Argument("feet", Placeholder(f"LxW@{frames[0]}")))
     text = f"feet are points, so it can only balance: {listed(frames, _MAX_LISTED)}. Give the sizes of their soles"
@@ -98,7 +105,7 @@ def _balancing_doubt(found: GroundSupport) -> str:
 
 
 def _span_text(time: Array, rows: Array) -> str:
-    """Text of the first and last time of some rows."""
+    """Text of the first and last time of the rows of a mask."""
     times = time[rows]
     first, last = float(times[0]), float(times[-1])
     if first == last:
@@ -117,7 +124,7 @@ def _judged_rows(found: GroundSupport) -> Array:
 
 
 def _friction_text(coefficient: float) -> str:
-    """Two significant digits, rounded up, in steps of a thousandth at least."""
+    """Coefficient with two significant digits, rounded up, in steps of a thousandth at least."""
     if coefficient <= 0:
         return number(0.0)
     second_digit = 10.0 ** (math.floor(math.log10(coefficient)) - 1)
@@ -127,14 +134,14 @@ def _friction_text(coefficient: float) -> str:
 
 
 def _failure(found: GroundSupport, rows: Array) -> str:
-    """Sentence on the instant that sets the speed: how it fails, where, and what would hold."""
+    """Sentence on the worst instant of a mask: how it fails, where, and the speed or payload at which it would hold."""
     k = _worst_instant(found, rows)
     words = _failure_words(found, k)
     remedies = []
     speed = float(found.speed[k])
     if math.isfinite(speed) and speed > _MIN_SPEED_FACTOR:
         remedies.append(f"up to {_margin_text(speed)} × this speed")
-    mass_margin = float(found.payload[rows].min(initial=np.inf))
+    mass_margin = float(found.payload[rows].min(initial=np.inf))  # kg more that hold, negative for less
     excess_mass = -mass_margin
     if 0 < excess_mass <= found.case.payload_mass:
         remedies.append(f"with {_mass_text(excess_mass)} kg less")
@@ -147,15 +154,16 @@ def _failure(found: GroundSupport, rows: Array) -> str:
 
 
 def _worst_instant(found: GroundSupport, rows: Array) -> int:
-    """Among some instants with the least margin in speed, the one that needs most friction.
+    """Index of the instant with the least margin in speed; of several, the one that needs most friction.
 
-    Instants without a margin come first, those that no friction holds before the others.
+    Instants without a margin rank below all margins, and those that no friction holds below these.
     """
     rank_without_margin = np.where(np.isfinite(found.friction), -1.0, -2.0)
-    ranks = np.where(np.isnan(found.speed), rank_without_margin, found.speed)
-    ranks = np.where(rows, ranks, np.inf)
+    ranks_of_all = np.where(np.isnan(found.speed), rank_without_margin, found.speed)
+    ranks = np.where(rows, ranks_of_all, np.inf)
     is_worst = ranks <= ranks.min() + _EQUAL_MARGINS
-    return int(np.where(is_worst, found.friction, -1.0).argmax())
+    friction_of_worst = np.where(is_worst, found.friction, -1.0)  # -1: less than any friction
+    return int(friction_of_worst.argmax())
 
 
 def _failure_words(found: GroundSupport, k: int) -> str:
@@ -180,14 +188,16 @@ def _resting_pose_words(found: GroundSupport, k: int) -> str:
 
     Empty if the robot is at rest at this instant, or if rounding prevents an answer.
     """
-    state = samples(found.states, slice(k, k + 1))
-    if not (state.dq.any() or state.ddq.any()):
+    instant = slice(k, k + 1)
+    state = samples(found.states, instant)
+    moves = state.dq.any() or state.ddq.any()
+    if not moves:
         return ""
-    resting = replace(state, dq=np.zeros_like(state.dq), ddq=np.zeros_like(state.ddq))
-    support = found.again(resting, found.contacts, found.in_contact[k : k + 1])
-    if not support.decided[0]:
+    resting_state = replace(state, dq=np.zeros_like(state.dq), ddq=np.zeros_like(state.ddq))
+    resting_support = found.again(resting_state, found.contacts, found.in_contact[instant])
+    if not resting_support.decided[0]:
         return ""
-    if support.holds[0]:
+    if resting_support.holds[0]:
         return ". At rest it stands in this pose"
     return ". It does not stand in this pose at rest either"
 
@@ -203,7 +213,7 @@ def _has_friction(found: GroundSupport) -> bool:
 
 
 def _margin_text(value: float) -> str:
-    """Three digits, rounded down."""
+    """Margin with three significant digits, rounded down; 0 for a negative one."""
     if value <= 0:
         return number(0.0)
     third_digit = 10.0 ** (math.floor(math.log10(value)) - 2)
@@ -212,43 +222,46 @@ def _margin_text(value: float) -> str:
 
 
 def _mass_text(mass: float) -> str:
-    """Hundredths of a kilogram, rounded up."""
+    """Mass in hundredths of a kilogram, rounded up."""
     return number(math.ceil(100 * mass - _ROUND_OFF) / 100, 4)
 
 
 def _failure_and_frames(found: GroundSupport, k: int) -> tuple[str, list[str]]:
     """Name of the failure of an instant, and the frames about which it tips, that slip or that pull off."""
     if math.isfinite(float(found.friction[k])):
-        how, motion = str(found.how[k]), found.motion[k]
+        how = str(found.how[k])
+        motion = found.motion[k]
     else:
         how, motion = _failure_without_slip(found, k)
     maps, _ = contact_maps(found.robot, found.states.q[k : k + 1], found.contacts)
-    velocity = np.einsum("vck,v->ck", maps[0], motion)
+    velocities = np.einsum("vck,v->ck", maps[0], motion)  # of the contacts, (c, 3)
     normals = found.ground.normals
     friction = found.ground.frictions
-    active = found.in_contact[k]
-    speeds = np.linalg.norm(velocity, axis=1)
-    max_still = _MAX_STILL_VELOCITY * float(speeds[active].max(initial=0.0))
-    rise = (velocity * normals).sum(axis=1)
+    carries = found.in_contact[k]
+    speeds = np.linalg.norm(velocities, axis=1)
+    max_still_speed = _MAX_STILL_VELOCITY * float(speeds[carries].max(initial=0.0))
+    rising_speeds = (velocities * normals).sum(axis=1)  # along the normals
     if how == "tips":
-        involved = speeds <= max_still
+        fails = speeds <= max_still_speed  # the robot turns about contacts that stand
     elif how == "slips":
-        slide = np.linalg.norm(velocity - rise[:, None] * normals, axis=1)
-        takes_power = rise - friction * slide < max_still  # a contact force whose friction opposes the slide
-        involved = (slide > max_still) & takes_power
-        with_friction = involved & active & (friction > 0)
-        if with_friction.any():
-            involved = with_friction
+        sliding_speeds = np.linalg.norm(velocities - rising_speeds[:, None] * normals, axis=1)
+        # a contact force whose friction opposes the slide takes power
+        takes_power = rising_speeds - friction * sliding_speeds < max_still_speed
+        fails = (sliding_speeds > max_still_speed) & takes_power
+        fails_with_friction = fails & carries & (friction > 0)
+        if fails_with_friction.any():
+            fails = fails_with_friction
     else:
-        involved = rise > max_still
-    frames = [found.contacts[c].frame or "" for c in np.flatnonzero(active & involved)]
-    return how, list(dict.fromkeys(frames))
+        fails = rising_speeds > max_still_speed
+    frames = [found.contacts[c].frame or "" for c in np.flatnonzero(carries & fails)]
+    return how, list(dict.fromkeys(frames))  # each frame once
 
 
 def _failure_without_slip(found: GroundSupport, k: int) -> tuple[str, Array]:
-    """Name of the failure of an instant that no friction holds, and its motion."""
-    state = samples(found.states, slice(k, k + 1))
-    support = found.again(state, found.ground.unlimited_contacts, found.in_contact[k : k + 1])
+    """Name of the failure of an instant with unlimited friction, and the motion (nv,) by which it fails."""
+    instant = slice(k, k + 1)
+    state = samples(found.states, instant)
+    support = found.again(state, found.ground.unlimited_contacts, found.in_contact[instant])
     return str(support.how[0]), support.motion[0]
 
 
@@ -257,25 +270,25 @@ def standing_words(found: GroundSupport) -> str:
 
     A robot at rest has no margin in speed; its zero moment point has one.
     """
-    judged = _judged_rows(found)
-    speed = float(found.speed[judged].min(initial=np.inf))
-    payload = float(found.payload[judged].min(initial=np.inf))
+    is_judged = _judged_rows(found)
+    speed_margin = float(found.speed[is_judged].min(initial=np.inf))
+    mass_margin = float(found.payload[is_judged].min(initial=np.inf))
     margins = []
-    if math.isfinite(speed):
-        noise = "" if found.noise is None else found.noise.interval_words(speed)
-        margins.append(f"{_margin_text(speed)} × this speed{noise}")
-    if math.isfinite(payload):
-        margins.append(f"{_margin_text(payload)} kg more")
+    if math.isfinite(speed_margin):
+        noise_interval = "" if found.noise is None else found.noise.interval_words(speed_margin)
+        margins.append(f"{_margin_text(speed_margin)} × this speed{noise_interval}")
+    if math.isfinite(mass_margin):
+        margins.append(f"{_margin_text(mass_margin)} kg more")
     words = _friction_words(found, f"stands{_slope_words(found)}", " or ".join(margins))
-    zmp_margins = found.zmp_margin[judged & np.isfinite(found.zmp_margin)]
-    if not math.isfinite(speed) and len(zmp_margins):
-        margin = _margin_text(1e3 * float(zmp_margins.min()))
+    zmp_margins = found.zmp_margin[is_judged & np.isfinite(found.zmp_margin)]  # [m]
+    if not math.isfinite(speed_margin) and len(zmp_margins):
+        margin = _margin_text(_MILLI * float(zmp_margins.min()))
         words += f". Its zero moment point is {margin} mm inside its support"
     return words
 
 
 def ground_words(found: GroundSupport) -> str:
-    """Sentence of :func:`standing_words`, or the reasons why the robot does not stand, or may not."""
+    """Sentence of :func:`standing_words` if the verdict is OK, else the reasons of the verdict."""
     verdict = support_verdict(found)
     if verdict.ok:
         return standing_words(found)
@@ -283,21 +296,21 @@ def ground_words(found: GroundSupport) -> str:
 
 
 def _friction_words(found: GroundSupport, stands: str, margins: str) -> str:
-    """Sentence with the friction that is needed, and its source; margins follow where it is known."""
-    need = _needed_friction(found)
+    """Sentence that begins with ``stands``: the friction that is needed, whether it is given or assumed, then the margins."""
+    needed_friction = _needed_friction(found)
     given = _given_friction(found)
     assumed = number(ASSUMED_FRICTION)
     before_margins = ", and holds"
     if not _has_friction(found):
         words = f"{stands}, without any friction"
-    elif found.ground.given and found.strained and need == 0:
+    elif found.ground.given and found.strained and needed_friction == 0:
         words = f"{stands} with the friction given, {given}"
     elif found.ground.given:
-        needed = f"friction {_friction_text(need)}" if need else "no friction"
+        needed = f"friction {_friction_text(needed_friction)}" if needed_friction else "no friction"
         words = f"{stands}. It needs {needed} (given {given})"
         before_margins = " and holds"
-    elif need > 0:
-        words = f"{stands}, if the ground gives friction {_friction_text(need)}"
+    elif needed_friction > 0:
+        words = f"{stands}, if the ground gives friction {_friction_text(needed_friction)}"
         before_margins = f". With {assumed} it holds"
     elif found.strained:
         words = f"{stands} on ground of friction {assumed}"
@@ -317,7 +330,8 @@ def _slope_words(found: GroundSupport) -> str:
 
 def support_notes(found: GroundSupport) -> Iterator[str]:
     """Remark: what "stands" means with many contacts."""
-    if int(found.in_contact.sum(axis=1).max(initial=0)) > MAX_DETERMINATE_CONTACTS:
+    contact_counts = found.in_contact.sum(axis=1)
+    if int(contact_counts.max(initial=0)) > MAX_DETERMINATE_CONTACTS:
         yield (
             "'Stands' means that some forces within the friction cones balance. How a stiff body shares its weight among more "
             "than three contacts depends on its stiffness: one foot may unload earlier without the body tipping."

@@ -28,10 +28,15 @@ GAP_LENGTH_SHARE = 4e-3
 
 With a tolerance of 1e-12, the smallest used, the gap is then 18 units in the last place of positions.
 """
+_SIZE_CONFIGURATIONS = 8
+"""Number of random configurations that determine the typical sizes of rows."""
 
 
 def row_sizes(closed: ConstrainedRobot, new: Constraint) -> tuple[Array, Array]:
-    """Typical sizes of the rows of A, scaled by the mass matrix, and their spans, with one more constraint appended."""
+    """Sizes and spans of the rows of A, (rows,) each, with the constraint ``new`` appended.
+
+    Sizes are typical ones of rows scaled by the mass matrix. Spans are 1 for angular rows, and a lever [m] for linear rows.
+    """
     rows = list(new.rows)
     sizes = six_sizes(closed.open(), new)
     length = robot_length(closed.open().model)
@@ -41,16 +46,16 @@ def row_sizes(closed: ConstrainedRobot, new: Constraint) -> tuple[Array, Array]:
 
 
 def robot_length(model: Model) -> float:
-    """Length in m that scales gaps: distance that links can have from the base, at most :data:`MAX_LENGTH`."""
+    """Length [m] that scales gaps: largest distance of links from the base, at most :data:`MAX_LENGTH`."""
     return min(_whole_length(model), MAX_LENGTH)
 
 
 def _whole_length(model: Model) -> float:
-    """Sum of the levers along the longest chain with the strokes of sliding joints, in m; scale of rounding errors.
+    """Sum [m] of levers and strokes of sliding joints along the longest chain, which scales rounding errors.
 
     It is :data:`MAX_LENGTH` for a robot without any length.
     """
-    reach = {BASE: 0.0}  # from the base to the frame of each body
+    distances = {BASE: 0.0}  # largest one from the base to the frame of each body
     for i, body in enumerate(model.bodies):
         sliding_axes = np.flatnonzero(body.joint.axes[:, 3:].any(axis=1))
         lower = np.abs(model.limits.lower[body.v_index + sliding_axes])
@@ -58,13 +63,15 @@ def _whole_length(model: Model) -> float:
         strokes = np.maximum(lower, upper)
         stroke = float(sum(np.where(np.isfinite(strokes), strokes, MAX_LENGTH)))
         lever = float(np.linalg.norm(body.placement[:3, 3]))
-        reach[i] = reach[body.parent] + lever + abs(body.ratio) * stroke
-    frame_distances = [reach[frame.body] + float(np.linalg.norm(frame.pose[:3, 3])) for frame in model.frames.values()]
-    return max(*reach.values(), *frame_distances, 0.0) or MAX_LENGTH
+        distances[i] = distances[body.parent] + lever + abs(body.ratio) * stroke
+    frames = model.frames.values()
+    frame_distances = [distances[frame.body] + float(np.linalg.norm(frame.pose[:3, 3])) for frame in frames]
+    length = max(*distances.values(), *frame_distances, 0.0)
+    return MAX_LENGTH if length == 0.0 else length
 
 
 def gap_length(model: Model) -> float:
-    """Length in m that counts as a relative gap of 1."""
+    """Length [m] that counts as a relative gap of 1."""
     return max(robot_length(model), GAP_LENGTH_SHARE * _whole_length(model))
 
 
@@ -79,7 +86,7 @@ def gap_units(closed: ConstrainedRobot) -> Array:
 
 
 def all_rows(constraint: Constraint) -> Constraint:
-    """The same constraint with all six rows."""
+    """Constraint between the same frames with all six rows."""
     return replace(constraint, rows=tuple(range(6)))
 
 
@@ -87,9 +94,9 @@ def six_sizes(robot: Robot, constraint: Constraint) -> Array:
     """Typical sizes of the six rows of a constraint, scaled by the mass matrix; (6,)."""
     robot.engine.require_invertible()
     constraints = (all_rows(constraint),)
-    samples = robot.random_configuration(0, 8)
-    J = np.stack([robot.reference("constraint_jacobian", q, constraints=constraints) for q in samples])
-    return usual_sizes(J, robot.mass_matrix(samples))
+    configurations = robot.random_configuration(0, _SIZE_CONFIGURATIONS)
+    J = np.stack([robot.reference("constraint_jacobian", q, constraints=constraints) for q in configurations])
+    return usual_sizes(J, robot.mass_matrix(configurations))
 
 
 def rate_units(closed: ConstrainedRobot) -> Array:

@@ -48,18 +48,20 @@ class _Differentiable:
     """One quantity as a function with two derivatives in PyTorch."""
 
     def __init__(self, torch: Any, quantity: BridgedQuantity) -> None:
-        self.torch, self.quantity, self.names = torch, quantity, quantity.input_names
+        self.torch = torch
+        self.quantity = quantity
+        self.names = quantity.input_names
         self.curved_inputs = quantity.curved_inputs
-        self.slopes = None
+        self.slopes_by_entries = None  # program from derivatives along joint twists to those by the entries of q
         if self.curved_inputs:
-            self.slopes = quantity.slopes()
-        self._functions: dict[Any, Any] = {}
+            self.slopes_by_entries = quantity.slopes()
+        self._functions: dict[Any, Any] = {}  # keys: names of inputs for G, a derivative for its last kernel
         self.apply = _function(torch, quantity, self.backward)
 
     def backward(self, tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
         """Gradients dx = d(w . f)/dx of the needed inputs, by their entries."""
-        by = tuple(compress(self.names, needed))
-        gradient = self.quantity.derivative(by, "weighted")
+        needed_names = tuple(compress(self.names, needed))
+        gradient = self.quantity.derivative(needed_names, "weighted")
         takes_weights = len(gradient.inputs) > len(tensors)  # a scalar result has its weight factored out
         inputs = [*tensors]
         if takes_weights:
@@ -67,43 +69,47 @@ class _Differentiable:
         if self.curved_inputs and self.torch.is_grad_enabled():
             gradients = _evaluate_program(self.torch, gradient.program, inputs)
         else:
-            gradients = _result_list(self._gradient(by)(*inputs))
+            compute_gradient = self._gradient(needed_names)
+            gradients = _result_list(compute_gradient(*inputs))
         if not takes_weights:
             (weight,) = weights
             gradients = [g * weight.reshape(weight.shape + (1,) * (g.ndim - weight.ndim)) for g in gradients]
-        gradient_of = dict(zip(by, gradients, strict=True))
+        gradient_of = dict(zip(needed_names, gradients, strict=True))
         dx = []
         for name, tensor in zip(self.names, tensors, strict=True):
             slope = gradient_of.get(name)
             if slope is not None and name in self.curved_inputs:
-                assert self.slopes is not None
-                (slope,) = _evaluate_program(self.torch, self.slopes, [tensor, slope])
-            dx.append(slope)
+                assert self.slopes_by_entries is not None
+                (slope,) = _evaluate_program(self.torch, self.slopes_by_entries, [tensor, slope])
+            dx.append(slope)  # None for an input that is not needed
         return dx
 
-    def _gradient(self, by: tuple[str, ...]) -> Callable[..., Any]:
-        """G of some inputs, as a function with its own backward."""
-        if by not in self._functions:
-            gradient = self.quantity.derivative(by, "weighted")
-            self._functions[by] = _function(self.torch, gradient, partial(self._backward_again, by))
-        return self._functions[by]
+    def _gradient(self, names: tuple[str, ...]) -> Callable[..., Any]:
+        """Function G of the gradients by the named inputs, with its own backward."""
+        if names not in self._functions:
+            gradient = self.quantity.derivative(names, "weighted")
+            self._functions[names] = _function(self.torch, gradient, partial(self._backward_again, names))
+        return self._functions[names]
 
     def _backward_again(
-        self, by: tuple[str, ...], tensors: Sequence[Any], v: Sequence[Any], needed: Sequence[bool]
+        self, names: tuple[str, ...], tensors: Sequence[Any], v: Sequence[Any], needed: Sequence[bool]
     ) -> list[Any]:
-        """d(G . v) with respect to inputs and weights: second derivatives along v, and first derivatives."""
-        x, w = tensors[: len(self.names)], tensors[len(self.names) :]
-        steps = dict(zip(by, v, strict=True))
-        second = self.quantity.derivative(self.names, "hessian_along")
-        along = [steps.get(name, self.torch.zeros_like(t)) for name, t in zip(self.names, x, strict=True)]
-        gradients = _result_list(self._last(second)(*x, *w, *along))
+        """d(G . v) with respect to inputs x and weights w; G has the gradients by the named inputs."""
+        input_count = len(self.names)
+        x, w = tensors[:input_count], tensors[input_count:]
+        v_of = dict(zip(names, v, strict=True))
+        directions = [v_of.get(name, self.torch.zeros_like(t)) for name, t in zip(self.names, x, strict=True)]
+        second_derivative = self.quantity.derivative(self.names, "hessian_along")
+        by_inputs = self._last_kernel(second_derivative)(*x, *w, *directions)
+        gradients = _result_list(by_inputs)
         if w:
-            first = self.quantity.derivative(by, "along")
-            gradients += _result_list(self._last(first)(*x, *v))
+            first_derivative = self.quantity.derivative(names, "along")
+            by_weights = self._last_kernel(first_derivative)(*x, *v)
+            gradients += _result_list(by_weights)
         return _needed_gradients(gradients, needed)
 
-    def _last(self, derivative: BridgedQuantity) -> Callable[..., Any]:
-        """Kernel of a derivative that PyTorch differentiates further."""
+    def _last_kernel(self, derivative: BridgedQuantity) -> Callable[..., Any]:
+        """Kernel of a derivative; PyTorch differentiates it from its program."""
         if derivative not in self._functions:
             torch = self.torch
 
@@ -111,8 +117,8 @@ class _Differentiable:
                 return tuple(_evaluate_program(torch, derivative.program, x))
 
             def backward(tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
-                _, pull = torch.func.vjp(results, *tensors)
-                return _needed_gradients(pull(tuple(weights)), needed)
+                _, gradients_of_weights = torch.func.vjp(results, *tensors)
+                return _needed_gradients(gradients_of_weights(tuple(weights)), needed)
 
             self._functions[derivative] = _function(torch, derivative, backward)
         return self._functions[derivative]
@@ -133,8 +139,8 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
     def gradients(ctx: Any, *weights: Any) -> Any:
         tensors = ctx.saved_tensors
-        raw = backward(tensors, weights, ctx.needs_input_grad)
-        return tuple(map(_sum_to_shape, raw, tensors))
+        broadcast_gradients = backward(tensors, weights, ctx.needs_input_grad)
+        return tuple(map(_sum_to_shape, broadcast_gradients, tensors))
 
     class Transformed(torch.autograd.Function):  # type: ignore[misc]
         """Variant for torch.func, with the context set up separately; PyTorch inspects the signature in every call."""
@@ -145,15 +151,22 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
         @staticmethod
         def vmap(info: Any, dims: Any, *tensors: Any) -> Any:  # noqa: ARG004  PyTorch passes them
-            """Single call for the whole batch: the new axis precedes the batch axes of all inputs."""
+            """Single call for the whole batch: the new axis precedes the batch axes of all inputs.
+
+            ``dims`` has the new axis of each tensor, or None.
+            """
+            # batch axes of each tensor without the new one
             ranks = [t.ndim - len(p.shape) - (d is not None) for t, p, d in zip(tensors, ports, dims, strict=True)]
-            wide = list(tensors)
+            aligned_tensors = list(tensors)
             for k, (t, d, rank) in enumerate(zip(tensors, dims, ranks, strict=True)):
                 if d is not None:
-                    first = t.movedim(d, 0)
-                    wide[k] = first.reshape((first.shape[0], *(1,) * (max(ranks) - rank), *first.shape[1:]))
-            results = Transformed.apply(*wide)
-            return results, (0,) * len(results) if isinstance(results, tuple) else 0
+                    moved = t.movedim(d, 0)
+                    missing_axes = (1,) * (max(ranks) - rank)
+                    aligned_tensors[k] = moved.reshape((moved.shape[0], *missing_axes, *moved.shape[1:]))
+            results = Transformed.apply(*aligned_tensors)
+            if isinstance(results, tuple):
+                return results, (0,) * len(results)
+            return results, 0
 
     class Plain(torch.autograd.Function):  # type: ignore[misc]
         """Variant without torch.func: takes a third of the time for one state."""
@@ -165,9 +178,10 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
         backward, jvp = staticmethod(gradients), staticmethod(forward_mode)
 
-    transforms = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
-    plain, transformed = Plain.apply, Transformed.apply
-    return lambda *tensors: (transformed if transforms() else plain)(*tensors)
+    transforms_are_active = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
+    plain = Plain.apply
+    transformed = Transformed.apply
+    return lambda *tensors: (transformed if transforms_are_active() else plain)(*tensors)
 
 
 def _call_kernel(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:
@@ -190,19 +204,26 @@ def _evaluate_program(torch: Any, program: Program, tensors: Sequence[Any]) -> l
         flat = tensor.reshape((*tensor.shape[: tensor.ndim - len(port.shape)], port.size))
         elements += [flat[..., k] for k in range(port.size)]
 
+    def as_tensor(x: Any) -> Any:
+        """Number or tensor in the type and on the device of the inputs."""
+        return torch.as_tensor(x).to(tensors[0])
+
     def where(condition: Any, a: Any, b: Any) -> Any:
-        return torch.where(condition, torch.as_tensor(a).to(tensors[0]), torch.as_tensor(b).to(tensors[0]))
+        return torch.where(condition, as_tensor(a), as_tensor(b))
 
     entries = iter(evaluated(program, elements, functions_of(torch, where)))
     results = []
     for port in program.outputs:
-        parts = [torch.as_tensor(next(entries)).to(tensors[0]).expand(batch) for _ in range(port.size)]
-        whole = torch.stack(parts, dim=-1) if parts else tensors[0].new_zeros((*batch, 0))
-        results.append(whole.reshape((*batch, *port.shape)))
+        port_entries = [as_tensor(next(entries)).expand(batch) for _ in range(port.size)]
+        flat_result = tensors[0].new_zeros((*batch, 0))
+        if port_entries:
+            flat_result = torch.stack(port_entries, dim=-1)
+        results.append(flat_result.reshape((*batch, *port.shape)))
     return results
 
 
 def _result_list(results: Any) -> list[Any]:
+    """Results as a list; a kernel with one output returns it without a tuple."""
     if isinstance(results, tuple):
         return list(results)
     return [results]
@@ -235,6 +256,7 @@ def _convert_to_common_type(torch: Any, quantity: BridgedQuantity, tensors: Sequ
 
 
 def _require_computable(torch: Any, name: str, tensor: Any, label: str) -> None:
+    """Raise ValueRangeError if the tensor of the input ``label`` has an unsupported device, type or layout."""
     if tensor.device.type not in ("cpu", "cuda"):
         raise ValueRangeError(
             f"to_torch {name}: {label} is on {tensor.device}; this computes on the processor and on NVIDIA's GPUs. Pass "

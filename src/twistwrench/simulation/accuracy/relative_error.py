@@ -15,27 +15,27 @@ if TYPE_CHECKING:
     from ...robot import Robot
 
 MIN_REPORTED_DRIFT = 0.01
-"""Energy drift that triggers a remark, as a fraction of the energy exchanged."""
+"""Energy drift from which there is a remark, as a fraction of the energy exchanged."""
 MIN_REPORTED_ERROR = 0.05
-"""Smallest error reported, as a fraction of the motion. Errors are added without sign; smaller values mean little."""
+"""Error from which there is a remark, as a fraction of the motion. Errors are added without sign; smaller sums mean little."""
 MIN_TRAVEL = 1e-9
-"""rad or m: smaller displacements count as rest."""
+"""Travel [rad or m] below which a joint is at rest."""
 MAX_PRINTED_RATIO = 1e4
 """Largest multiple of the motion that is printed as a number."""
 _ABOVE_MAX_RATIO = "more than 10 000 times"
 """Text for larger multiples."""
 MAX_ROWS = 2000
-"""Largest number of states from which the travel is computed; of more states, so many are taken."""
+"""Largest number of states from which the travel is computed; of longer runs, this number of states is taken."""
 
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """Extent of the motion of the joints in a run; all revolute joints have the same, and all prismatic joints."""
+    """Extent of the motion of the joints in a run; all revolute joints have equal values, and all prismatic joints."""
 
     travels: Array
-    """Largest travel of a joint of the same kind, for each joint (nv,) [rad or m]."""
+    """(nv,) [rad or m]: largest travel among the joints of the same kind."""
     spans: Array
-    """This travel divided by the largest speed of a joint of the kind (nv,) [s]; 0 if none moves."""
+    """(nv,) [s]: this travel divided by the largest speed among the joints of the kind; 0 if none moves."""
 
     @property
     def rests(self) -> Array:
@@ -52,9 +52,10 @@ class Extent:
         rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)  # contiguous rows are faster
         joint_travels = displacements.max(axis=1) - displacements.min(axis=1)
         joint_speeds = np.maximum(rates.max(axis=1), -rates.min(axis=1))
-        travels, spans = np.zeros(robot.nv), np.zeros(robot.nv)
+        travels = np.zeros(robot.nv)
+        spans = np.zeros(robot.nv)
         angular = np.array([turns for body in robot.model.leaders for turns in body.joint.turning], bool)
-        for kind in (angular, ~angular):
+        for kind in (angular, ~angular):  # masks of revolute and of prismatic joints
             if not kind.any():
                 continue
             largest_travel = joint_travels[kind].max()
@@ -76,8 +77,9 @@ class Accuracy:
 
     @classmethod
     def from_error(cls, extent: Extent, error: Array) -> Accuracy:
-        """Accuracy from an error (nv,), relative to the motion."""
-        return cls(error, float(np.max(error / np.maximum(extent.travels, MIN_TRAVEL))))
+        """Accuracy from an error (nv,) and the extent of the motion."""
+        ratios = error / np.maximum(extent.travels, MIN_TRAVEL)
+        return cls(error, float(np.max(ratios)))
 
     @property
     def remarkable(self) -> bool:
@@ -102,7 +104,7 @@ class Accuracy:
 
 
 def _percent(ratio: float) -> str:
-    """Ratio in percent, with two digits below 100 %; words for one that is too large or NaN."""
+    """Ratio in percent, with two digits below 100 %; words for a ratio that is too large or NaN."""
     if not ratio < MAX_PRINTED_RATIO:
         return _ABOVE_MAX_RATIO
     digits = 2 if ratio < 1.0 else None

@@ -28,8 +28,10 @@ MAX_SPACING = 50
 """Spacing of sampled steps in a long run. A sample costs as much as 2.5 steps, or 6 for a method with one evaluation."""
 MAX_SAMPLES = 2000
 """Largest number of sampled steps of a run, and of further samples of steps in which a contact begins or ends."""
-_ROUNDING = 1e-14
-"""Rounding error of a state, relative to its largest entry."""
+_MAX_ROUNDING_ERROR = 1e-14
+"""Largest rounding error of a state, relative to its largest entry."""
+_GOLDEN_SECTION = 0.6180339887498949
+"""Step of the sequence of places in blocks, which has no period."""
 
 
 class SampledSteps(NamedTuple):
@@ -44,7 +46,7 @@ class SampledSteps(NamedTuple):
     after: Array
     """States at the end of the steps."""
     held: Array
-    """Torques of the controller."""
+    """Torques of the controller, which are constant during a step."""
     accelerations: Array
     """Accelerations at the start of the steps."""
 
@@ -60,7 +62,7 @@ class SampledSteps(NamedTuple):
 
 @lru_cache(maxsize=16)
 def sample_steps(n: int) -> tuple[int, ...]:
-    """Indices of the sampled steps among n: dense at first, then one in each block, without a period.
+    """Indices of the sampled steps among n: dense at first, then one in each block of steps, without a period.
 
     >>> sample_steps(3000)[:9]
     (0, 1, 2, 4, 8, 16, 32, 80, 111)
@@ -72,8 +74,8 @@ def sample_steps(n: int) -> tuple[int, ...]:
         indices.append(k)
         k = max(2 * k, 1)
     for block in range(1, math.ceil(n / spacing)):
-        share = block * 0.6180339887498949 % 1.0  # place in the block: golden-section sequence
-        k = block * spacing + int(spacing * share)
+        share_of_block = block * _GOLDEN_SECTION % 1.0
+        k = block * spacing + int(spacing * share_of_block)
         if k < n:
             indices.append(k)
     return tuple(sorted(indices))
@@ -112,109 +114,111 @@ class StepDoubling:
         self.h = h
         self.lagging = lagging
         """True if velocities lag half a step behind coordinates: see :meth:`_halve_with_lag`."""
-        self._ordered = sample_steps(n)
+        self._sampled_indices = sample_steps(n)
         """Indices of the steps to be sampled, in order."""
-        self._due = frozenset(self._ordered)
-        """The same indices, for look-ups."""
-        self._spread: list[SampledSteps] = []
+        self._index_set = frozenset(self._sampled_indices)
+        """Set of these indices, for look-ups."""
+        self._regular_samples: list[SampledSteps] = []
         """Samples at these indices."""
-        self._changed: list[SampledSteps] = []
+        self._changed_samples: list[SampledSteps] = []
         """Samples of steps in which a contact begins or ends, or dry friction changes direction."""
         self.steps = 0
         """Number of recorded steps."""
-        self._changes = 0
+        self._change_count = 0
         """Number of changed steps, of which not all are stored."""
-        self._last: SampledSteps | None = None
-        """Last step, unless it is among the changed ones."""
+        self._last_step: SampledSteps | None = None
+        """Last step; None if it is among the changed ones."""
 
     def note(self, t: float, y: Array, after: Array, held: Array, accelerations: Array, *, changed: bool) -> None:
         """Record the next step; ``changed``: a contact begins or ends in it, or dry friction changes direction."""
-        if changed or self.steps in self._due:
+        if changed or self.steps in self._index_set:
             self.note_block(np.array([t]), np.array([y, after]), held, accelerations[None], np.array([changed]))
         else:
-            self._last = SampledSteps(self.steps, t, y, after, held, accelerations.copy())
+            self._last_step = SampledSteps(self.steps, t, y, after, held, accelerations.copy())
             self.steps += 1
 
     def note_block(
         self, times: Array, states: Array, held: Array, accelerations: Array, changed: NDArray[np.bool_]
     ) -> None:
         """Record the next m steps, by states (m + 1, size); the step before a changed one also counts as changed."""
-        first, m = self.steps, len(times)
+        first = self.steps
+        m = len(times)
         numbers = np.arange(first, first + m)
         held = np.broadcast_to(held, accelerations.shape)
         steps = SampledSteps(numbers, times, states[:-1], states[1:], held, accelerations)
-        begin = bisect_left(self._ordered, first)
-        end = bisect_left(self._ordered, first + m, begin)
-        due = self._ordered[begin:end]
-        if due:
-            self._spread.append(steps.pick(np.array(due) - first))
+        begin = bisect_left(self._sampled_indices, first)
+        end = bisect_left(self._sampled_indices, first + m, begin)
+        sampled_indices = self._sampled_indices[begin:end]  # among the m steps
+        if sampled_indices:
+            self._regular_samples.append(steps.pick(np.array(sampled_indices) - first))
         counts_as_changed = changed.copy()
         if changed.any():
-            if changed[0] and self._last is not None:
-                self._add_changed(SampledSteps(*(np.asarray(x)[None] for x in self._last)))
+            if changed[0] and self._last_step is not None:
+                self._add_changed(SampledSteps(*(np.asarray(x)[None] for x in self._last_step)))
             counts_as_changed[:-1] |= changed[1:]
             self._add_changed(steps.pick(np.flatnonzero(counts_as_changed)))
-        self._last = None
+        self._last_step = None
         if not counts_as_changed[-1]:
-            self._last = SampledSteps(*(x[-1].copy() for x in steps))
+            self._last_step = SampledSteps(*(x[-1].copy() for x in steps))
         self.steps = first + m
 
     def _add_changed(self, steps: SampledSteps) -> None:
-        """Count changed steps, and store them as samples up to the largest number."""
-        if self._changes < MAX_SAMPLES:
-            self._changed.append(steps.pick(slice(MAX_SAMPLES - self._changes)))
-        self._changes += len(steps.t)
+        """Count changed steps, and store at most MAX_SAMPLES of all of them."""
+        if self._change_count < MAX_SAMPLES:
+            self._changed_samples.append(steps.pick(slice(MAX_SAMPLES - self._change_count)))
+        self._change_count += len(steps.t)
 
     def errors(self, flow: Flow, spans: Array) -> Array | None:
-        """Sum of absolute errors of all steps (nv,) [rad or m]; None if no step could be halved.
+        """Sum (nv,) of the absolute errors of all steps [rad or m]; None if no step could be halved.
 
-        Velocity errors count ``spans`` [s], or their decay times if these are shorter.
+        Velocity errors act for the times ``spans`` [s], or for their decay times if these are shorter.
         """
-        spread_parts = self._spread
-        if self._changed:
-            changed_numbers = SampledSteps.join(self._changed).numbers
-            spread_parts = [part.pick(~np.isin(part.numbers, changed_numbers)) for part in self._spread]
-        spread = self._sampled_errors(flow, spread_parts, spans)
-        changed = self._sampled_errors(flow, self._changed, spans)
-        if spread is None and changed is None:
+        regular_parts = self._regular_samples
+        if self._changed_samples:
+            changed_numbers = SampledSteps.join(self._changed_samples).numbers
+            regular_parts = [part.pick(~np.isin(part.numbers, changed_numbers)) for part in self._regular_samples]
+        regular_errors = self._sampled_errors(flow, regular_parts, spans)
+        changed_errors = self._sampled_errors(flow, self._changed_samples, spans)
+        if regular_errors is None and changed_errors is None:
             return None
         total = self._initial_lag(flow, spans)
-        if spread is not None:
-            numbers, errors = spread
-            share_of_others = 1.0 - self._changes / self.steps
-            total += share_of_others * _interpolated_sum(numbers, errors, self.steps)
-        if changed is not None:
-            _, errors = changed
-            total += self._changes * errors.mean(axis=0)
+        if regular_errors is not None:
+            numbers, errors = regular_errors
+            share_of_regular = 1.0 - self._change_count / self.steps
+            total += share_of_regular * _interpolated_sum(numbers, errors, self.steps)
+        if changed_errors is not None:
+            _, errors = changed_errors
+            total += self._change_count * errors.mean(axis=0)
         return total
 
     def _sampled_errors(self, flow: Flow, parts: list[SampledSteps], spans: Array) -> tuple[Array, Array] | None:
-        """Indices (m,) of the steps that could be halved, and their errors (m, nv)."""
-        parts = [part for part in parts if len(part.t)]
-        if not parts:
+        """Indices (m,) of the steps that could be halved, and their errors (m, nv); None if there are no such steps."""
+        parts_with_steps = [part for part in parts if len(part.t)]
+        if not parts_with_steps:
             return None
-        halved_parts = self._halve_all(flow, SampledSteps.join(parts))
+        halved_parts = self._halve_all(flow, SampledSteps.join(parts_with_steps))
         if not halved_parts:
             return None
-        numbers, whole, halved, decay = map(np.concatenate, zip(*halved_parts, strict=True))
-        is_finite = np.isfinite(halved).all(axis=1)
+        results = [np.concatenate(arrays) for arrays in zip(*halved_parts, strict=True)]
+        is_finite = np.isfinite(results[2]).all(axis=1)  # after two halves
         if not is_finite.any():
             return None
-        numbers, whole, halved, decay = numbers[is_finite], whole[is_finite], halved[is_finite], decay[is_finite]
-        q, v = slice(0, flow.system.nq), flow.system.moving
-        q_differences = flow.system.robot.subtract(whole[:, q], halved[:, q])
-        position_differences = _without_rounding(q_differences, whole[:, q])
-        velocity_differences = _without_rounding(whole[:, v] - halved[:, v], whole[:, v])
+        numbers, after_whole, after_halves, decay = (x[is_finite] for x in results)
+        q = slice(0, flow.system.nq)
+        v = flow.system.moving
+        q_differences = flow.system.robot.subtract(after_whole[:, q], after_halves[:, q])
+        position_differences = _without_rounding(q_differences, after_whole[:, q])
+        velocity_differences = _without_rounding(after_whole[:, v] - after_halves[:, v], after_whole[:, v])
         error_times = np.minimum(spans, decay[:, None])
         position_errors = position_differences + error_times * velocity_differences
         return numbers, position_errors / (1.0 - 0.5**flow.order)
 
     def _halve_all(self, flow: Flow, steps: SampledSteps) -> list[tuple[Array, Array, Array, Array]]:
-        """Results of :meth:`_halve` for all steps together if possible, otherwise for each that can be halved."""
+        """Results of :meth:`_halve` for all steps together if possible, otherwise for each step that can be halved."""
         if flow.takes_many:
             try:
                 return [self._halve(flow, steps)]
-            except SimulationError:  # a callback fails at times between those of the run: each step by itself
+            except SimulationError:  # a callback fails at some time between those of the run: each step by itself
                 pass
         halved_parts = []
         for k in range(len(steps.t)):
@@ -225,7 +229,7 @@ class StepDoubling:
         return halved_parts
 
     def _halve(self, flow: Flow, step: SampledSteps) -> tuple[Array, Array, Array, Array]:
-        """Indices (m,), states (m, size) after the step and after two halves, and decay times (m,) of the difference [s]."""
+        """Indices (m,), states (m, size) after whole steps and after two halves, decay times (m,) of their difference [s]."""
         flow = flow.under(step.held)
         v = flow.system.moving
         accelerations = None
@@ -238,10 +242,10 @@ class StepDoubling:
         return np.atleast_1d(step.numbers), np.atleast_2d(step.after), np.atleast_2d(halved), np.atleast_1d(decay)
 
     def _initial_lag(self, flow: Flow, spans: Array) -> Array:
-        """Effect (nv,) of the initial velocities of a lagging method: they are given at the start, not half a step before."""
+        """Error (nv,) [rad or m] by the initial velocities of a lagging method, which are not those of half a step before."""
         if not self.lagging:
             return np.zeros(flow.system.nv)
-        first = self._spread[0].pick(0)
+        first = self._regular_samples[0].pick(0)
         flow = flow.under(first.held)
         velocity_error = 0.5 * self.h * first.accelerations
         decay = decay_times(flow, flow.system.moving, first.t, first.y, velocity_error, first.accelerations)
@@ -256,9 +260,9 @@ class StepDoubling:
         """State after two half steps whose velocities lag by h/2, as after the step, and accelerations after the step.
 
         Velocities lag by h/2 after a step, and by h/4 after half steps. The difference is not an error, but would add up
-        over a run as if it were one. Velocities are therefore shifted in time by h/4 before and after the half steps: by
-        their accelerations, and by half of the change in a half step. A shifted velocity violates constraints because
-        their directions change; this violation is not an error and is removed.
+        over a run as if it were one. Velocities are therefore shifted in time by h/4: before the half steps by their
+        accelerations, and after them by half of the change in a half step. The directions of constraints change in this time,
+        so a shifted velocity violates them. This violation is not an error and is removed.
         """
         v = (..., flow.system.moving)
         half = 0.5 * self.h
@@ -289,12 +293,13 @@ def decay_times(
 
 
 def _without_rounding(differences: Array, values: Array) -> Array:
-    """Magnitudes of differences (m, nv) of numbers (m, k), with rounding errors set to zero."""
-    is_above_rounding = np.abs(differences) > _ROUNDING * np.abs(values).max(axis=1, keepdims=True)
-    return np.where(is_above_rounding, np.abs(differences), 0.0)
+    """Magnitudes of differences (m, nv), with 0 for rounding errors of the ``values`` (m, k)."""
+    rounding_errors = _MAX_ROUNDING_ERROR * np.abs(values).max(axis=1, keepdims=True)
+    magnitudes = np.abs(differences)
+    return np.where(magnitudes > rounding_errors, magnitudes, 0.0)
 
 
 def _interpolated_sum(numbers: Array, errors: Array, n: int) -> Array:
-    """Sum (k,) over the steps 0 … n - 1 of errors (m, k) known at steps (m,), each of which stands for the steps nearest it."""
-    edges = np.concatenate([[-0.5], 0.5 * (numbers[1:] + numbers[:-1]), [n - 0.5]])
+    """Sum (k,) over the steps 0 … n - 1 of errors (m, k) known at the steps ``numbers`` (m,); each stands for those near it."""
+    edges = np.concatenate([[-0.5], 0.5 * (numbers[1:] + numbers[:-1]), [n - 0.5]])  # halfway between known steps
     return np.asarray(np.diff(edges) @ errors)

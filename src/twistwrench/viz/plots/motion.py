@@ -33,7 +33,17 @@ _TERMS = {
     "contact": "forces of the ground",
     "friction": "friction",
 }
-_ZERO = 1e-9
+"""Label of each term of the torques."""
+_NEGLIGIBLE_SHARE = 1e-9
+"""Share of the largest torque or work below which a term is not drawn: rounding errors."""
+_MIN_WORK_SCALE = 1.0
+"""Least work [J] of which a negligible work is a share."""
+_PADDING = 0.12
+"""Space around a phase plot, as a share of its extent."""
+_MIN_PADDING = 0.02
+"""Least space around a phase plot, in units of its axis."""
+_MAX_PADDINGS_TO_LIMIT = 6
+"""Largest distance of a limit that is drawn from the curve, in spaces around the plot."""
 
 
 class Energies(NamedTuple):
@@ -74,15 +84,25 @@ def energies(motion: DrawnMotion) -> Energies:
     >>> bool(abs(found.work[-1] - gain) < 1e-3)
     True
     """
-    robot, t, dq = motion.load.with_load, motion.time, motion.dq
+    robot = motion.load.with_load
+    t = motion.time
+    dq = motion.dq
     terms = motion.load.terms(motion.states)
     power = motion.torques * dq
-    friction, wrenches, springs = (
-        _work(t, sign * (terms[name] * dq).sum(axis=1))
-        for name, sign in (("friction", 1), ("wrench", -1), ("spring", 1))
+
+    def power_against(term: str) -> Array:
+        """Power (n,) of the joints' torques against a term [W]."""
+        return np.asarray((terms[term] * dq).sum(axis=1))
+
+    return Energies(
+        power=power,
+        work=_work(t, power.sum(axis=1)),
+        friction=_work(t, power_against("friction")),
+        wrenches=_work(t, -power_against("wrench")),  # work on the robot
+        springs=_work(t, power_against("spring")),
+        kinetic=np.asarray(robot.kinetic_energy(motion.q, dq)),
+        potential=np.asarray(robot.potential_energy(motion.q)),
     )
-    kinetic, potential = np.asarray(robot.kinetic_energy(motion.q, dq)), np.asarray(robot.potential_energy(motion.q))
-    return Energies(power, _work(t, power.sum(axis=1)), friction, wrenches, springs, kinetic, potential)
 
 
 def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()) -> Path:
@@ -100,24 +120,27 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     ...     plot_split(motion, f"{folder}/split.png").name
     'split.png'
     """
-    terms, units = motion.load.terms(motion.states), Coordinates.from_model(motion.load.with_load.model).torque_units
-    scale = float(np.abs(motion.torques).max(initial=0.0))
-    names = motion.load.with_load.model.velocity_names
-    large = {name: x for name, x in terms.items() if np.abs(x).max(initial=0.0) > _ZERO * scale}
-    seen: dict[str, Any] = {}
+    model = motion.load.with_load.model
+    units = Coordinates.from_model(model).torque_units
+    largest_torque = float(np.abs(motion.torques).max(initial=0.0))
+    min_drawn = _NEGLIGIBLE_SHARE * largest_torque
+    terms = motion.load.terms(motion.states)
+    drawn_terms = {name: x for name, x in terms.items() if np.abs(x).max(initial=0.0) > min_drawn}
+    legend_handles: dict[str, Any] = {}
 
     def draw(axis: style.Axes, k: int) -> None:
         areas, _, _ = style.stack(
-            axis, motion.time, ((_TERMS[name], style.CAUSES[name], x[:, k]) for name, x in large.items())
+            axis, motion.time, ((_TERMS[name], style.CAUSES[name], x[:, k]) for name, x in drawn_terms.items())
         )
-        seen.update(areas)
-        (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=style.INK, linewidth=1.2)
+        legend_handles.update(areas)
+        (total_line,) = axis.plot(motion.time, motion.torques[:, k], color=style.INK, linewidth=1.2)
+        legend_handles["together"] = total_line
         axis.axhline(0, color=style.AXIS, linewidth=0.7)
-        style.titles(axis, names[k], f"peak {quantity(motion.peaks[k], units[k])}")
+        style.titles(axis, model.velocity_names[k], f"peak {quantity(motion.peaks[k], units[k])}")
         axis.set_ylabel(torque_word(units[k]), fontsize=style.SMALL_FONT)
         axis.margins(x=0)
 
-    return _panels(motion, path, joints, "contributions to each torque", draw, seen, "time [s]")
+    return _panels(motion, path, joints, "contributions to each torque", draw, legend_handles, "time [s]")
 
 
 def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
@@ -135,33 +158,39 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
     ...     plot_power(motion, f"{folder}/power.svg").name
     'power.svg'
     """
-    robot, t, e = motion.load.with_load, motion.time, energies(motion)
-    power = e.power
-    with style.figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing") as drawn:
-        upper, lower = drawn.subplots(2, 1, sharex=True)
-        style.draw_joints(upper, t, power, robot.model.velocity_names, np.abs(power).max(axis=0))
-        upper.plot(t, power.sum(axis=1), color=style.INK, linewidth=1.5, label="all joints")
-        upper.axhline(0, color=style.AXIS, linewidth=0.7)
-        upper.set_ylabel("power [W]")
-        highest = float(power.sum(axis=1).max(initial=0.0))
-        style.titles(upper, "Power of the joints, τ dq", f"most together {quantity(highest, 'W')}")
-        lower.fill_between(t, e.kinetic, color=style.SKY, alpha=0.5, linewidth=0, label="kinetic energy")
-        lower.plot(t, e.potential - e.potential[0], color=style.AMBER, label="potential energy gained")
-        gained = e.kinetic + e.potential - e.kinetic[0] - e.potential[0]
-        lower.plot(t, gained, color=style.INK, linewidth=1.6, label="both gained")
-        lower.plot(t, e.work, color=style.VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
+    t = motion.time
+    balance = energies(motion)
+    power = balance.power
+    total_power = power.sum(axis=1)
+    with style.figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing") as drawn:  # inches
+        power_axis, energy_axis = drawn.subplots(2, 1, sharex=True)
+        names = motion.load.with_load.model.velocity_names
+        style.draw_joints(power_axis, t, power, names, np.abs(power).max(axis=0))
+        power_axis.plot(t, total_power, color=style.INK, linewidth=1.5, label="all joints")
+        power_axis.axhline(0, color=style.AXIS, linewidth=0.7)
+        power_axis.set_ylabel("power [W]")
+        max_power = float(total_power.max(initial=0.0))
+        style.titles(power_axis, "Power of the joints, τ dq", f"most together {quantity(max_power, 'W')}")
+        energy_axis.fill_between(t, balance.kinetic, color=style.SKY, alpha=0.5, linewidth=0, label="kinetic energy")
+        potential_gain = balance.potential - balance.potential[0]
+        energy_axis.plot(t, potential_gain, color=style.AMBER, label="potential energy gained")
+        total_gain = balance.kinetic + balance.potential - balance.kinetic[0] - balance.potential[0]
+        energy_axis.plot(t, total_gain, color=style.INK, linewidth=1.6, label="both gained")
+        dashes = (0, (4, 2))
+        energy_axis.plot(t, balance.work, color=style.VERMILION, linestyle=dashes, label="work of the joints")
+        work_scale = max(_MIN_WORK_SCALE, float(np.abs(balance.work).max(initial=0.0)))
         for x, colour, label in (
-            (e.friction, style.GREY, "lost to friction"),
-            (e.springs, style.GREEN, "of it in springs"),
-            (e.wrenches, style.PURPLE, "work of the wrenches"),
+            (balance.friction, style.GREY, "lost to friction"),
+            (balance.springs, style.GREEN, "of it in springs"),
+            (balance.wrenches, style.PURPLE, "work of the wrenches"),
         ):
-            if np.abs(x).max(initial=0.0) > _ZERO * max(1.0, float(np.abs(e.work).max(initial=0.0))):
-                lower.plot(t, x, color=colour, label=label)
-        lower.axhline(0, color=style.AXIS, linewidth=0.7)
-        lower.set_ylabel("energy [J]")
-        lower.set_xlabel("time [s]")
-        style.titles(lower, "Work and energy since the beginning")
-        for axis in (upper, lower):
+            if np.abs(x).max(initial=0.0) > _NEGLIGIBLE_SHARE * work_scale:
+                energy_axis.plot(t, x, color=colour, label=label)
+        energy_axis.axhline(0, color=style.AXIS, linewidth=0.7)
+        energy_axis.set_ylabel("energy [J]")
+        energy_axis.set_xlabel("time [s]")
+        style.titles(energy_axis, "Work and energy since the beginning")
+        for axis in (power_axis, energy_axis):
             axis.margins(x=0)
             axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return style.save(drawn, path)
@@ -186,41 +215,51 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
-    robot, coordinates = motion.load.with_load, Coordinates.from_model(motion.load.with_load.model)
+    robot = motion.load.with_load
+    coordinates = Coordinates.from_model(robot.model)
     limits = robot.limits
+    # a limit of 0 stands for an unknown one
     effort = joint_effort(robot.model, np.where(limits.effort > 0, limits.effort, np.inf))
-    seen: dict[str, Any] = {}
-    shades = Normalize(float(motion.time[0]), float(motion.time[-1]))
+    legend_handles: dict[str, Any] = {}
+    time_scale = Normalize(float(motion.time[0]), float(motion.time[-1]))
 
     def draw(axis: style.Axes, k: int) -> None:
-        place = int(coordinates.position_of[k])
-        # Velocities of ball, planar and floating joints are not coordinate rates, so their integrals are drawn.
-        x, stops = _work(motion.time, motion.dq[:, k]), list[float]()
-        if place >= 0:
-            x, stops = motion.q[:, place], [limits.lower[k], limits.upper[k]]
-        points = np.stack([x, motion.dq[:, k]], axis=1)
-        steps = list(np.stack([points[:-1], points[1:]], axis=1))
+        velocity = motion.dq[:, k]
+        coordinate_index = int(coordinates.position_of[k])
+        if coordinate_index >= 0:
+            position = motion.q[:, coordinate_index]
+            position_limits = [limits.lower[k], limits.upper[k]]
+        else:  # velocities of ball, planar and floating joints are not coordinate rates, so their integrals are drawn
+            position = _work(motion.time, velocity)
+            position_limits = []
+        points = np.stack([position, velocity], axis=1)
+        segments = list(np.stack([points[:-1], points[1:]], axis=1))
         axis.add_collection(
-            LineCollection(steps, array=motion.time[1:], cmap=style.time_colours(), norm=shades, linewidths=1.3)
+            LineCollection(segments, array=motion.time[1:], cmap=style.time_colours(), norm=time_scale, linewidths=1.3)
         )
-        end: dict[str, Any] = {"color": style.INK, "markersize": 4, "linestyle": "none"}
-        (seen["beginning"],) = axis.plot(*points[0], "o", **end)
-        (seen["end"],) = axis.plot(*points[-1], "s", markerfacecolor=style.PAPER, **end)
-        low, high = points.min(axis=0), points.max(axis=0)
-        pad = np.maximum(0.12 * (high - low), 0.02)
-        for bound in stops:
-            if low[0] - 6 * pad[0] <= bound <= high[0] + 6 * pad[0]:
-                seen["limit"] = axis.axvline(bound, **style.LIMIT)
-                low[0], high[0] = min(low[0], bound), max(high[0], bound)
+        marker: dict[str, Any] = {"color": style.INK, "markersize": 4, "linestyle": "none"}
+        (legend_handles["beginning"],) = axis.plot(*points[0], "o", **marker)
+        (legend_handles["end"],) = axis.plot(*points[-1], "s", markerfacecolor=style.PAPER, **marker)
+        low = points.min(axis=0)  # least position and least velocity
+        high = points.max(axis=0)
+        padding = np.maximum(_PADDING * (high - low), _MIN_PADDING)
+        max_distance = _MAX_PADDINGS_TO_LIMIT * padding
+        for bound in position_limits:
+            if low[0] - max_distance[0] <= bound <= high[0] + max_distance[0]:
+                legend_handles["limit"] = axis.axvline(bound, **style.LIMIT)
+                low[0] = min(low[0], bound)
+                high[0] = max(high[0], bound)
         for bound in (-limits.velocity[k], limits.velocity[k]):
-            if low[1] - 6 * pad[1] <= bound <= high[1] + 6 * pad[1]:
-                seen["limit"] = axis.axhline(bound, **style.LIMIT)
-                low[1], high[1] = min(low[1], bound), max(high[1], bound)
-        axis.set_xlim(low[0] - pad[0], high[0] + pad[0])
-        axis.set_ylim(low[1] - pad[1], high[1] + pad[1])
+            if low[1] - max_distance[1] <= bound <= high[1] + max_distance[1]:
+                legend_handles["limit"] = axis.axhline(bound, **style.LIMIT)
+                low[1] = min(low[1], bound)
+                high[1] = max(high[1], bound)
+        axis.set_xlim(low[0] - padding[0], high[0] + padding[0])
+        axis.set_ylim(low[1] - padding[1], high[1] + padding[1])
         axis.axhline(0, color=style.AXIS, linewidth=0.6)
         angular = bool(coordinates.angular_velocity[k])
-        remark, colour = "no torque limit", style.QUIET
+        remark = "no torque limit"
+        colour = style.QUIET
         if np.isfinite(effort[k]):
             share = motion.peaks[k] / effort[k]  # over all rows, as in the torque report
             remark = f"torque {percent_of_limit(share)}"
@@ -230,38 +269,46 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.set_ylabel(f"velocity [{unit_of('dq', angular)}]", fontsize=style.SMALL_FONT)
         axis.set_xlabel(f"position [{unit_of('q', angular)}]", fontsize=style.SMALL_FONT)
 
-    return _panels(motion, path, joints, "velocity over position", draw, seen, "", shades)
+    return _panels(motion, path, joints, "velocity over position", draw, legend_handles, "", time_scale)
 
 
 def _panels(
     motion: DrawnMotion,
     path: str | Path,
     joints: Sequence[str],
-    what: str,
+    title: str,
     draw: Callable[[style.Axes, int], None],
-    seen: dict[str, Any],
-    below: str,
-    shades: Any = None,
+    legend_handles: dict[str, Any],
+    x_label: str,
+    time_scale: Any = None,
 ) -> Path:
-    """Draw one panel per joint and a common legend of the labels in ``seen``; a colour bar of time if ``shades``."""
-    chosen = _torque_indices(motion, joints)
-    rows, columns = style.panel_grid(len(chosen))
-    size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
-    with style.figure(*size, f"{_title(motion)} · {what}", "Drawing") as drawn:
-        axes = style.panels(drawn, len(chosen), sharex=bool(below))
+    """Draw one panel per torque with ``draw``, and a common legend of the handles that it adds by label.
+
+    Panels share the x axis if it has a label. If there is a time scale, its colour bar is drawn.
+    """
+    torque_indices = _torque_indices(motion, joints)
+    panel_count = len(torque_indices)
+    rows, columns = style.panel_grid(panel_count)
+    width = max(6.0, 3.4 * columns)  # inches
+    height = 2.25 * rows + 0.9
+    with style.figure(width, height, f"{_title(motion)} · {title}", "Drawing") as drawn:
+        axes = style.panels(drawn, panel_count, sharex=bool(x_label))
         for k, axis in enumerate(axes):
-            draw(axis, chosen[k])
-            if below and len(chosen) <= k + columns:
+            draw(axis, torque_indices[k])
+            is_lowest = k + columns >= panel_count
+            if x_label and is_lowest:
                 axis.tick_params(labelbottom=True)
-                axis.set_xlabel(below, fontsize=style.SMALL_FONT)
-        if shades is not None:
+                axis.set_xlabel(x_label, fontsize=style.SMALL_FONT)
+        if time_scale is not None:
             from matplotlib.cm import ScalarMappable
 
             drawn.colorbar(
-                ScalarMappable(shades, style.time_colours()), ax=axes, label="time [s]", shrink=0.8, aspect=35
+                ScalarMappable(time_scale, style.time_colours()), ax=axes, label="time [s]", shrink=0.8, aspect=35
             )
-        abreast = min(int(size[0] // 2), len(seen))  # inches: the longest label takes two
-        drawn.legend(list(seen.values()), list(seen), loc="outside lower left", ncols=abreast)
+        legend_columns = min(int(width // 2), len(legend_handles))  # the longest label takes two inches
+        drawn.legend(
+            list(legend_handles.values()), list(legend_handles), loc="outside lower left", ncols=legend_columns
+        )
         return style.save(drawn, path)
 
 
@@ -271,16 +318,20 @@ def _torque_indices(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
     if not joints:
         return list(range(model.nv))
     joints = (joints,) if isinstance(joints, str) else joints
-    places = {b.joint.name: range(b.v_index, b.v_index + b.joint.nv) for b in model.leaders}
+    indices_by_joint = {b.joint.name: range(b.v_index, b.v_index + b.joint.nv) for b in model.leaders}
     for name in joints:
-        if name not in places:
-            raise UnknownNameError.from_choices("joint", name, places)
-    return [k for name in joints for k in places[name]]
+        if name not in indices_by_joint:
+            raise UnknownNameError.from_choices("joint", name, indices_by_joint)
+    return [k for name in joints for k in indices_by_joint[name]]
 
 
 def _title(motion: DrawnMotion) -> str:
-    carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads)
-    return f"{motion.load.robot.name}{f' · payload {carried}' if carried else ''}"
+    """Name of the robot, and the masses of its payloads."""
+    title = motion.load.robot.name
+    masses = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads)
+    if masses:
+        title += f" · payload {masses}"
+    return title
 
 
 def _work(t: Array, power: Array) -> Array:
@@ -307,14 +358,16 @@ def plot_motion(motion: Motion, path: str | Path, bounds: Limits | None = None, 
     ...     plot_motion(motion, f"{folder}/motion.svg").name
     'motion.svg'
     """
-    bounds, names = bounds_or_own(motion.robot, bounds), motion.robot.model.velocity_names
-    tau = motor_torques(motion.robot.model, motion.torques(friction=friction))
-    with style.figure(7.5, 5.6, f"{motion.robot.name} · {len(motion)} states, {number(motion.duration)} s") as drawn:
-        above, below = drawn.subplots(2, 1, sharex=True)
-        curves(above, motion.time, motion.dq, bounds.velocity, names, "velocity")
-        curves(below, motion.time, tau, bounds.effort, motion.robot.model.drive_names, "torque")
-        below.set_xlabel("time [s]")
-        legend(above)
+    bounds = bounds_or_own(motion.robot, bounds)
+    model = motion.robot.model
+    tau = motor_torques(model, motion.torques(friction=friction))
+    title = f"{motion.robot.name} · {len(motion)} states, {number(motion.duration)} s"
+    with style.figure(7.5, 5.6, title) as drawn:  # inches
+        velocity_axis, torque_axis = drawn.subplots(2, 1, sharex=True)
+        curves(velocity_axis, motion.time, motion.dq, bounds.velocity, model.velocity_names, "velocity")
+        curves(torque_axis, motion.time, tau, bounds.effort, model.drive_names, "torque")
+        torque_axis.set_xlabel("time [s]")
+        legend(velocity_axis)
         return style.save(drawn, path)
 
 
@@ -359,17 +412,17 @@ def curves(axis: style.Axes, t: Array, values: Array, limits: Array, names: tupl
     >>> axis.get_ylabel()
     'velocity / limit'
     """
-    known = np.isfinite(limits)
-    shares = bool(known.all())
-    drawn = values / limits if shares else values
-    style.draw_joints(axis, t, drawn, names, np.abs(drawn).max(axis=0))
-    if shares:
-        for side in (-1, 1):
-            axis.axhline(side, **style.LIMIT)
-        most = max(1.12, 1.05 * float(np.abs(drawn).max()))
-        axis.set_ylim(-most, most)
+    all_limited = bool(np.isfinite(limits).all())
+    drawn_values = values / limits if all_limited else values
+    largest_values = np.abs(drawn_values).max(axis=0)
+    style.draw_joints(axis, t, drawn_values, names, largest_values)
+    if all_limited:
+        for share in (-1, 1):
+            axis.axhline(share, **style.LIMIT)
+        max_share = max(1.12, 1.05 * float(np.abs(drawn_values).max()))  # the limits, or the curves, with some space
+        axis.set_ylim(-max_share, max_share)
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
-    axis.set_ylabel(f"{what} / limit" if shares else what)
+    axis.set_ylabel(f"{what} / limit" if all_limited else what)
     axis.margins(x=0)
 
 
