@@ -27,6 +27,7 @@ Measured = Callable[[float, Array, Array], ArrayLike]
 Motion = Callable[[float], tuple[Array, Array, Array]]
 """Position, velocity and acceleration from the time [s]."""
 Reference = ArrayLike | Callable[[float], Any]
+"""Constant configuration or pose, or a function of the time [s]."""
 Timing = Callable[[ArrayLike], tuple[Array, Array, Array]]
 """Time scaling along a path: s, ds/dt and d²s/dt² at t [s]."""
 
@@ -59,16 +60,19 @@ class PoseMotion:
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """T (4, 4), the body twist V (6,) and dV/dt (6,) at t [s]."""
-        s, ds, dds = (float(value) for value in _motion_values(self.scaling, "PoseMotion: the scaling", t))
-        V = self.path.body_twist(s)  # of dT/ds; dV is its derivative by s
-        dV = np.zeros(6)
+        s, ds, dds = map(float, _motion_values(self.scaling, "PoseMotion: the scaling", t))
+        V = self.path.body_twist(s)  # body twist for ds/dt = 1
+        dV = np.zeros(6)  # dV/ds
         if self.path.straight:
-            dV[3:] = -so3.cross(V[:3], V[3:])  # rate of R in v = R'(p1 - p0)
+            dV[3:] = -so3.cross(V[:3], V[3:])  # R turns in v = R'(p1 - p0)
         return self.path(s), V * ds, V * dds + dV * ds * ds
 
 
 def joint_motion(robot: Robot, reference: Reference, what: str) -> Motion:
-    """q_d (nq,), dq_d and ddq_d (nv,) at a time, from q_d or a function of time that returns all three."""
+    """Function of the time that returns q_d (nq,), dq_d and ddq_d (nv,).
+
+    ``reference`` is a constant q_d, or a function of the time that returns all three; ``what`` names it in errors.
+    """
     source: Any = reference
     if not callable(reference):
         source = getattr(reference, "motion", reference)  # a simulation's result has a motion
@@ -82,20 +86,21 @@ def joint_motion(robot: Robot, reference: Reference, what: str) -> Motion:
 
     def motion(t: float) -> tuple[Array, Array, Array]:
         q, dq, ddq = _motion_values(source, what, t)
-        label, rate_names = f"{what} at t = {printed(t)} s", robot.model.velocity_names
+        label = f"{what} at t = {printed(t)} s"
+        rate_names = robot.model.velocity_names
         q = arguments.one(q, f"q of {label}", robot.nq, names=robot.coordinate_names)
         dq = arguments.one(dq, f"dq of {label}", robot.nv, names=rate_names)
         ddq = arguments.one(ddq, f"ddq of {label}", robot.nv, names=rate_names)
         return q, dq, ddq
 
-    motion(0.0)
+    motion(0.0)  # raises now if the function returns other values
     return motion
 
 
 def pose_motion(robot: Robot, reference: Reference, frame: str | None, what: str) -> Motion:
-    """T_d (4, 4), its body twist V_d and dV_d/dt (6,) at a time.
+    """Function of the time that returns T_d (4, 4), its body twist V_d (6,) and dV_d/dt (6,).
 
-    From a pose, a function of time that returns all three, or a joint motion, which gives the motion of the frame.
+    ``reference`` is a constant pose, a function of the time that returns all three, or a joint motion.
     """
     controlled_frame = robot.tip if frame is None else frame
     if isinstance(reference, Pose) and reference.of != controlled_frame:
@@ -116,7 +121,7 @@ def pose_motion(robot: Robot, reference: Reference, frame: str | None, what: str
         zero = np.zeros(6)
         return lambda _t: (T, zero, zero)
     _require_one_argument(reference, what)
-    start_position = _motion_values(reference, what, 0.0)[0]
+    start_position, _, _ = _motion_values(reference, what, 0.0)
     if np.ndim(start_position) == 1:  # q, not a pose
         motion_of_joints = joint_motion(robot, reference, what)
 
@@ -133,7 +138,7 @@ def pose_motion(robot: Robot, reference: Reference, frame: str | None, what: str
         pose = arguments.pose(arguments.one(T, f"T of {label}", 4, 4), f"T of {label}")
         return pose, arguments.one(V, f"V of {label}", 6), arguments.one(dV, f"dV of {label}", 6)
 
-    motion(0.0)
+    motion(0.0)  # raises now if the function returns other values
     return motion
 
 
@@ -175,12 +180,12 @@ _ROUNDING_SHARE = 1e-9
 
 
 def require_driven(robot: object, what: str) -> Robot:
-    """Robot with a torque for every velocity; raises an error for others."""
+    """Return the robot; raises an error unless it has a torque for every velocity."""
     checked = require_robot(robot, what)
-    names = multi_dof_joints(checked.model)
-    if names:
+    joints = multi_dof_joints(checked.model)
+    if joints:
         raise ValueRangeError(
-            f"{what} needs a torque for every velocity, and {', '.join(names)} of robot {checked.name!r} is not a joint of "
+            f"{what} needs a torque for every velocity, and {', '.join(joints)} of robot {checked.name!r} is not a joint of "
             "one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
         )
     return checked
@@ -193,7 +198,10 @@ def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Arr
 
 
 def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = False) -> Array:
-    """Gain as a positive matrix (n, n), n the number of names; from a scalar, a vector (n,) or a matrix."""
+    """Gain as a symmetric matrix (n, n), n the number of names, from a scalar, a vector (n,) or a matrix.
+
+    Its eigenvalues may not be negative, and not zero if it must be ``definite``.
+    """
     n, values = len(names), arguments.finite(K, what, names=names)
     if values.shape not in ((), (n,), (n, n)):
         raise ShapeError(
@@ -208,10 +216,11 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
         )
     smallest_eigenvalue = float(np.linalg.eigvalsh(matrix).min(initial=np.inf))
     is_negative = smallest_eigenvalue < -rounding
-    if is_negative or (definite and not smallest_eigenvalue > 0.0):
-        wanted = "be above zero" if definite else "not be negative"
+    is_singular = not smallest_eigenvalue > 0.0
+    if is_negative or (definite and is_singular):
+        requirement = "be above zero" if definite else "not be negative"
         raise ValueRangeError(
-            f"{what} has the eigenvalue {printed(smallest_eigenvalue, 4)}, and must {wanted}: a gain holds back, never "
+            f"{what} has the eigenvalue {printed(smallest_eigenvalue, 4)}, and must {requirement}: a gain holds back, never "
             "pushes on."
         )
     matrix.setflags(write=False)
@@ -220,5 +229,6 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
 
 def set_gains(law: object, names: Sequence[str], *fields: str) -> None:
     """Store gains of a law as matrices, under their names with a leading underscore."""
-    for name in fields:
-        object.__setattr__(law, f"_{name}", gain(getattr(law, name), f"{type(law).__name__}: {name}", names))
+    for field in fields:
+        matrix = gain(getattr(law, field), f"{type(law).__name__}: {field}", names)
+        object.__setattr__(law, f"_{field}", matrix)  # the law is a frozen dataclass
