@@ -107,7 +107,7 @@ def _joint_table(found: ExcitingMotion) -> Table:
 
 
 def _information_lines(found: ExcitingMotion) -> Iterator[Line]:
-    """Number of groups that a log determines well, relative to the file's values, and the worst one. Empty if all values are 0."""
+    """Number of groups that a log determines well, relative to the file's values, and the worst one. Empty if all are 0."""
     base = found.information.base
     values = np.abs(base.project(base.unknown.file_values))
     has_value = values > _ROUNDING * found.information.prior
