@@ -288,10 +288,10 @@ def measuring_poses(
             f"only {candidates.count} of {CANDIDATES:,} random configurations are clear"
             f"{'' if goal is None else ' and point there'}. Ask for fewer, or lower the floor."
         )
-    chosen = design.choose(candidates, reading_count, goal)
+    chosen_indices = design.choose(candidates, reading_count, goal)
     reference = arm.random_configuration(seed + 1, REFERENCE)
     counts = (*(n for n in _MILESTONES if n < reading_count), reading_count)
-    fits = [design.fit(candidates.taken(chosen[:n]), goal) for n in counts]  # of the first n chosen readings
+    fits = [design.fit(candidates.taken(chosen_indices[:n]), goal) for n in counts]  # of the first n chosen readings
     remaining = np.array([Remaining(fit, reference, design.accuracy).rms for fit in fits])
     fit = fits[-1]
     ordered_q = _in_order_of_moves(fit.problem.measured[-1])
@@ -427,17 +427,17 @@ class _Design:
             rows = (D * W[..., None]).reshape(-1, len(wide)) * wide
             M += rows.T @ rows
         C = np.linalg.inv(M)
-        chosen = list[int]()
+        chosen_indices = list[int]()
         unit = np.eye(A.shape[1])
         for _ in range(count):
             _, gain = np.linalg.slogdet(unit + A @ C @ np.swapaxes(A, 1, 2))  # log det(1 + A M⁻¹ A')
-            gain[chosen] = -np.inf
+            gain[chosen_indices] = -np.inf
             equally_good = np.flatnonzero(gain > gain.max() - _MAX_GAIN_OF_TIE)
             best = int(equally_good[0])  # the same on every machine
-            chosen.append(best)
+            chosen_indices.append(best)
             X = A[best] @ C
             C = C - X.T @ np.linalg.solve(unit + X @ A[best].T, X)  # (M + A'A)⁻¹
-        return np.array(chosen)
+        return np.array(chosen_indices)
 
 
 def _in_order_of_moves(planned: Measurements) -> Array:

@@ -61,7 +61,8 @@ class OutputFile(Generic[A]):
     @property
     def flag(self) -> str:
         """Option of the file."""
-        return self.form.partition(" ")[0]
+        flag, _, _ = self.form.partition(" ")
+        return flag
 
     @property
     def name(self) -> str:
@@ -270,9 +271,9 @@ def command_of(
             questions, body, (*files, _JSON), report, own, reads, with_robot=with_robot, needs_motion=needs_motion
         )
 
-        def run(**option_values: Any) -> None:
+        def run(**options: Any) -> None:
             with plain_errors():
-                sys.exit(call.answer(option_values))
+                sys.exit(call.answer(options))
 
         run.__doc__ = description or body.__doc__
         declare = click.command(name, cls=GroupedHelp, epilog=examples_text(*examples), short_help=summary or None)
@@ -283,8 +284,9 @@ def command_of(
             robot_argument.required = False
             robot_argument.metavar = "[ROBOT]"
         argument_names = {*call.body_arguments, *_argument_names(reads)}
-        missing = argument_names - {str(param.name) for param in command.params} - _ARGUMENTS_OF_EVERY_BODY
-        assert not missing, f"{name}: {missing}"
+        option_names = {str(param.name) for param in command.params}
+        unknown_names = argument_names - option_names - _ARGUMENTS_OF_EVERY_BODY
+        assert not unknown_names, f"{name}: {unknown_names}"
         return command
 
     return decorate
@@ -344,56 +346,56 @@ class Call(Generic[A]):
             yield DEGREES
         yield from (OVERWRITE, ALL)
 
-    def answer(self, given: Mapping[str, Any]) -> int:
+    def answer(self, options: Mapping[str, Any]) -> int:
         """Answer the question, print the report, write the files; returns the exit code.
 
-        ``given`` has the values of all options and arguments, also defaults, by their names.
+        ``options`` has the values of all options and arguments, also defaults, by their names.
         """
         robot: RobotOptions | None = None
-        if self.with_robot and given["source"] is not None:
-            robot = RobotOptions.of(given)
-        log = LogOptions.of(given) if self.with_log else None
+        if self.with_robot and options["source"] is not None:
+            robot = RobotOptions.of(options)
+        log = LogOptions.of(options) if self.with_log else None
         values: dict[str, Any] = {}
         inputs: dict[str, str | Path | None] = {}
         if self.reads is not None:
-            inputs |= self.reads(**{name: given[name] for name in _argument_names(self.reads)})
+            inputs |= self.reads(**{name: options[name] for name in _argument_names(self.reads)})
         for question in self.questions:
-            question_values = question.values(given)
+            question_values = question.values(options)
             values |= question_values
             inputs |= question.files(question_values)
         if robot is not None:
             inputs |= robot.files
             if log is not None and log.trajectory is not None:
                 inputs = {"MOTION": log.path(robot), **inputs}  # the motion is listed first
-        if self._has_parameters("degrees") and given["degrees"]:
+        if self._has_parameters("degrees") and options["degrees"]:
             values["degrees"] = True
-        outputs = self._outputs(given, inputs)
+        outputs = self._outputs(options, inputs)
         asked = {name: value for name, value in values.items() if name not in self.body_arguments}
         defaults: dict[str, Any] = {}
         for question in self.questions:
             defaults |= question.defaults
-        arguments = {**given, **defaults, **values, "asked": asked, "robot": robot, "log": log, "outputs": outputs}
-        found = self.body(**{name: arguments[name] for name in self.body_arguments})
-        self._show(found, outputs)
+        arguments = {**options, **defaults, **values, "asked": asked, "robot": robot, "log": log, "outputs": outputs}
+        answer = self.body(**{name: arguments[name] for name in self.body_arguments})
+        self._show(answer, outputs)
         if outputs.interrupt is not None:
             raise outputs.interrupt
-        return found.verdict.exit_code
+        return answer.verdict.exit_code
 
-    def _outputs(self, given: Mapping[str, Any], inputs: Mapping[str, str | Path | None]) -> Outputs[A]:
+    def _outputs(self, options: Mapping[str, Any], inputs: Mapping[str, str | Path | None]) -> Outputs[A]:
         """Output files; raises if one cannot be written."""
-        paths = {file: file.complete(given[file.name]) for file in self.files if given[file.name] is not None}
-        outputs = Outputs(paths, given.get("file_report"), bool(given.get("full_paths")), inputs)
-        outputs.check(overwrite=given["overwrite"])
+        paths = {file: file.complete(options[file.name]) for file in self.files if options[file.name] is not None}
+        outputs = Outputs(paths, options.get("file_report"), bool(options.get("full_paths")), inputs)
+        outputs.check(overwrite=options["overwrite"])
         return outputs
 
-    def _show(self, found: A, outputs: Outputs[A]) -> None:
+    def _show(self, answer: A, outputs: Outputs[A]) -> None:
         """Print the report or the file that replaces it, and write the files."""
-        prints_file = outputs.printed is not None and outputs.printed.exists(found)
+        prints_file = outputs.printed is not None and outputs.printed.exists(answer)
         if not prints_file:
-            show_answer(found)
-        outputs.write(found)
+            show_answer(answer)
+        outputs.write(answer)
         if outputs.report is not None:
-            answer_report(found, outputs.report, outputs.inputs, full_paths=outputs.full_paths)
+            answer_report(answer, outputs.report, outputs.inputs, full_paths=outputs.full_paths)
             show_written(outputs.report, to_error=prints_file)
         if prints_file:
-            outputs.print(found)
+            outputs.print(answer)

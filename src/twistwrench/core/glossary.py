@@ -311,7 +311,7 @@ def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = 
     own_entries = _entries(sections.get("Parameters", ()), indent)
     entry_of: dict[str, list[str]] = {}  # lines by name of the parameter
     for entry in own_entries:
-        names_in_entry = entry[0].partition(" : ")[0]  # as in "q0, q1 : (nq,) array_like"
+        names_in_entry, _, _ = entry[0].partition(" : ")  # as in "q0, q1 : (nq,) array_like"
         for name in names_in_entry.split(","):
             entry_of[name.strip()] = entry
     errors: dict[str, str] = {}

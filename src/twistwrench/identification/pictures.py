@@ -164,6 +164,8 @@ _MIN_SIZE = 1e-300
 _PANELS_IN_ROW = 4
 _JOINT_HEIGHT = 2.1
 """Height of the torques and residuals of a joint [in]."""
+_PLOT_HEIGHTS = [3.0, 1.3]
+"""Relative heights of the torques and of the residuals of a joint."""
 _PURPOSE = "Drawing the identification"
 """Use of matplotlib, for the message if it is not installed."""
 
@@ -190,13 +192,15 @@ def plot_identification(found: IdentifiedRobot, path: Any) -> Path:
     names = found.held_out.names
     torques_height = _JOINT_HEIGHT * len(names)
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
-    with style.figure(11.0, torques_height + 4.6, title, _PURPOSE) as drawn:  # 4.4 in for the lower plots, and a margin
-        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[torques_height, 4.4]))
+    with style.figure(
+        11.0, torques_height + 4.6, title, _PURPOSE
+    ) as figure:  # 4.4 in for the lower plots, and a margin
+        upper, lower = cast("Any", figure.subfigures(2, 1, height_ratios=[torques_height, 4.4]))
         _draw_torques(upper, found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
         _draw_groups(left, found)
         _draw_prior_weights(right, found)
-        return style.save(drawn, path)
+        return style.save(figure, path)
 
 
 def identification_pictures(found: IdentifiedRobot) -> list[Picture]:
@@ -217,21 +221,26 @@ def _plots_of_report(found: IdentifiedRobot) -> list[Picture]:
     body_count = len(found.base.unknown.bodies)
     friction_count = len(joints_with_friction(found))
 
-    def draw_all_bodies(drawn: Any) -> None:
-        draw_bodies(drawn.subplots(body_count, 3, squeeze=False), found)
+    def draw_all_bodies(figure: Any) -> None:
+        draw_bodies(figure.subplots(body_count, 3, squeeze=False), found)
 
-    def draw_all_friction(drawn: Any) -> None:
-        draw_friction(style.panels(drawn, friction_count, _PANELS_IN_ROW), found)
+    def draw_all_friction(figure: Any) -> None:
+        draw_friction(style.panels(figure, friction_count, _PANELS_IN_ROW), found)
 
     # title, width and height [in], and function that draws into a figure
     plots: list[tuple[str, float, float, Callable[[Any], None]]] = [
-        ("Torques of rows held out", 10.0, _JOINT_HEIGHT * len(names) + 0.6, lambda drawn: _draw_torques(drawn, found)),
-        ("Residuals", 10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found)),
+        (
+            "Torques of rows held out",
+            10.0,
+            _JOINT_HEIGHT * len(names) + 0.6,
+            lambda figure: _draw_torques(figure, found),
+        ),
+        ("Residuals", 10.0, 3.0, lambda figure: draw_residual_bars(figure.subplots(), found)),
         (
             "Residuals in time",
             10.0,
             1.2 * len(names) + 0.6,
-            lambda drawn: draw_residuals(_panel_rows(drawn, names), found),
+            lambda figure: draw_residuals(_panel_rows(figure, names), found),
         ),
     ]
     if friction_count:
@@ -239,8 +248,8 @@ def _plots_of_report(found: IdentifiedRobot) -> list[Picture]:
         plots.append(("Friction", 10.0, 2.3 * panel_rows, draw_all_friction))
     prior_title = "Physically consistent bodies: weight of the prior"
     plots += [
-        ("Groups of parameters", 10.0, 4.4, lambda drawn: _draw_groups(drawn.subplots(), found)),
-        (prior_title, 7.0, 3.0, lambda drawn: _draw_prior_weights(drawn.subplots(), found)),
+        ("Groups of parameters", 10.0, 4.4, lambda figure: _draw_groups(figure.subplots(), found)),
+        (prior_title, 7.0, 3.0, lambda figure: _draw_prior_weights(figure.subplots(), found)),
         ("Bodies in the file and identified", 9.0, 2.5 * body_count, draw_all_bodies),
     ]
     return [Picture(title, style.page_svg(_plot(width, height, draw, title))) for title, width, height, draw in plots]
@@ -250,25 +259,27 @@ def _plot(width: float, height: float, draw: Callable[[Any], None], title: str) 
     """Function that draws a figure into a file."""
 
     def plot(path: Path) -> None:
-        with style.figure(width, height, title, _PURPOSE) as drawn:
-            draw(drawn)
-            style.save(drawn, path)
+        with style.figure(width, height, title, _PURPOSE) as figure:
+            draw(figure)
+            style.save(figure, path)
 
     return plot
 
 
-def _panel_rows(drawn: Any, names: Sequence[str]) -> list[Any]:
+def _panel_rows(figure: Any, names: Sequence[str]) -> list[Any]:
     """One panel for each name, one below another."""
-    return style.panels(drawn, len(names), 1, sharex=True)
+    return style.panels(figure, len(names), 1, sharex=True)
 
 
-def _draw_torques(drawn: Any, found: IdentifiedRobot) -> None:
+def _draw_torques(figure: Any, found: IdentifiedRobot) -> None:
     """Draw measured and predicted torques of each joint, and below them residuals with their 95 % band."""
     parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))  # by log, then time
     begins = _begins_of_logs(parts)
     units = units_of("tau", Coordinates.from_model(found.original.model).angular_velocity)
     names = found.held_out.names
-    grid = drawn.subplots(2 * len(names), 1, sharex=True, squeeze=False, height_ratios=[3, 1.3] * len(names))[:, 0]
+    grid = figure.subplots(2 * len(names), 1, sharex=True, squeeze=False, height_ratios=_PLOT_HEIGHTS * len(names))[
+        :, 0
+    ]
     for j, (name, torque_axes, residual_axes) in enumerate(zip(names, grid[::2], grid[1::2], strict=True)):
         colour = style.SERIES[j % len(style.SERIES)]
         half_width = _BAND * found.sigma[j]

@@ -271,8 +271,8 @@ class Assignment:
         """List of the column names, for the end of an error message."""
         return f"found: {listed([cell or '(no name)' for cell in self.cells])}."
 
-    def column(self, name: str, given: Argument) -> Choice:
-        """Column by name, with or without its unit; errors name the argument that was given."""
+    def column(self, name: str, source: Argument) -> Choice:
+        """Column by name, with or without its unit; errors name ``source``, the argument that names the column."""
         name_without_unit, unit = split_unit(name)
         matches = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
         if not matches:
@@ -280,7 +280,7 @@ class Assignment:
         if not matches:
             hint = _suggestion(name, list(filter(None, self.cells)))
             raise TrajectoryError(
-                f"{self.where}: no column {name!r}, which {{0}} names.{hint} {self.found_text()}", given
+                f"{self.where}: no column {name!r}, which {{0}} names.{hint} {self.found_text()}", source
             )
         if len(matches) > 1:
             raise self.repetition_error(name.strip(), len(matches))
@@ -392,10 +392,10 @@ class Assignment:
         self, requested: Choice | None, rate: float | None, first_numbers: Callable[[int], Array]
     ) -> Choice | None:
         """Time column by name or unit; None if there is none. With a ``rate``, it may only have row numbers."""
-        named = self._columns_named_time()
+        named_columns = self._columns_named_time()
         if rate is not None:
-            return self._row_numbers(requested, named, first_numbers)
-        if requested is None and not named:
+            return self._row_numbers(requested, named_columns, first_numbers)
+        if requested is None and not named_columns:
             columns_with_time_unit = {}
             for k in self.free_columns:
                 if time_factor(self.units[k] or "") is not None:
@@ -404,12 +404,12 @@ class Assignment:
             if len(rising) != 1:
                 return None
             requested = self.choice(rising[0])
-        if requested is None and len(named) > 1:
+        if requested is None and len(named_columns) > 1:
             raise TrajectoryError(
-                f"{self.where}: two time columns, {listed(self.cells_of(named))}. Keep one of them, or choose: {{0}}.",
-                Argument("columns", {"time": self.cells[named[0]]}),
+                f"{self.where}: two time columns, {listed(self.cells_of(named_columns))}. Keep one of them, or choose: {{0}}.",
+                Argument("columns", {"time": self.cells[named_columns[0]]}),
             )
-        choice = requested or self._named_time(named[0])
+        choice = requested or self._named_time(named_columns[0])
         unit_by_numbers = self._time_unit_by_numbers(choice, first_numbers)
         if unit_by_numbers is not None:
             choice = unit_by_numbers
@@ -446,12 +446,12 @@ class Assignment:
         return Choice(column, unit)
 
     def _row_numbers(
-        self, requested: Choice | None, named: Sequence[int], first_numbers: Callable[[int], Array]
+        self, requested: Choice | None, named_columns: Sequence[int], first_numbers: Callable[[int], Array]
     ) -> Choice | None:
         """Column of row numbers of a file whose rate is given; raises TrajectoryError for a column of time."""
-        if not requested and not named:
+        if not requested and not named_columns:
             return None
-        choice = requested or Choice(named[0])
+        choice = requested or Choice(named_columns[0])
         column = choice.column
         if choice.unit is None and counts_rows(first_numbers(column)):
             self.notes.append(f"Column {self.cells[column]!r} is read as the number of a row, by its numbers.")
@@ -633,22 +633,22 @@ class Assignment:
         return choices
 
     def without_columns(
-        self, missing: Sequence[str], first_numbers: Callable[[int], Array], *, timeless: bool
+        self, missing_names: Sequence[str], first_numbers: Callable[[int], Array], *, timeless: bool
     ) -> TrajectoryError:
         """Error for coordinates without a column, with arguments to copy."""
-        all_missing = len(missing) == len(self.names["q"])
+        all_missing = len(missing_names) == len(self.names["q"])
         varying = set(varying_columns(self.cells, self.extra, first_numbers))
-        unused = [cell for cell in self.extra if cell in varying]
-        arm_error = self.arm_error(missing, unused)
+        unused_cells = [cell for cell in self.extra if cell in varying]
+        arm_error = self.arm_error(missing_names, unused_cells)
         if arm_error:
             return arm_error
         if all_missing:
-            columns_in_order = series(unused, len(missing))
+            columns_in_order = series(unused_cells, len(missing_names))
             if columns_in_order:
-                return self._error_for_series(missing, columns_in_order, first_numbers, timeless=timeless)
-        similar_columns = alike(missing, self.extra)
+                return self._error_for_series(missing_names, columns_in_order, first_numbers, timeless=timeless)
+        similar_columns = alike(missing_names, self.extra)
         hint = ""
-        few_are_similar = 2 * len(similar_columns) < len(missing)
+        few_are_similar = 2 * len(similar_columns) < len(missing_names)
         others_are_unknown = len(self.extra) > len(similar_columns)
         if all_missing and few_are_similar and others_are_unknown:
             hint = " No column has the name of a joint of this robot: the file seems to be a log of another one."
@@ -656,33 +656,34 @@ class Assignment:
         elif similar_columns:
             name, cell = next(iter(similar_columns.items()))  # the first pair
             hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
-        missing_joints = list(dict.fromkeys(map(_joint, missing)))
+        missing_joints = list(dict.fromkeys(map(_joint, missing_names)))
         names_to_lock = ["PATTERN*"]
         if len(missing_joints) <= _MAX_LOCKED_NAMES and not all_missing:
             names_to_lock = missing_joints
         remedy = "; or hold joints still that never move, when the robot is loaded: {1}"
-        if not {*missing_joints} <= {*missing}:  # a joint of several coordinates, which no option holds still
+        if not {*missing_joints} <= {*missing_names}:  # a joint of several coordinates, which no option holds still
             remedy = "; if the pose of the base was not logged, load the robot with its base fixed"
-        if not all_missing and unused:
-            remedy = f" (columns that vary and are not used: {listed(unused)})"
+        if not all_missing and unused_cells:
+            remedy = f" (columns that vary and are not used: {listed(unused_cells)})"
         return TrajectoryError(
-            f"{self.where}: no column for {listed(missing)}.{hint} Expected: {listed(self.names['q'])}; {self.found_text()} "
-            f"Say which they are: {{0}}{remedy}.",
-            _columns_argument(missing, similar_columns, timeless=timeless),
+            f"{self.where}: no column for {listed(missing_names)}.{hint} Expected: {listed(self.names['q'])}; "
+            f"{self.found_text()} Say which they are: {{0}}{remedy}.",
+            _columns_argument(missing_names, similar_columns, timeless=timeless),
             Argument("lock", dict.fromkeys(names_to_lock, 0)),
         )
 
     def _error_for_series(
         self,
-        missing: Sequence[str],
+        missing_names: Sequence[str],
         columns_in_order: Sequence[str],
         first_numbers: Callable[[int], Array],
         *,
         timeless: bool,
     ) -> TrajectoryError:
         """Error for joints without a column, if the file has as many columns whose names differ by a number."""
-        first, last = columns_in_order[0], columns_in_order[-1]
-        hint = f" Columns {first} … {last} match no joint by name. If they are the joints in order:"
+        first_cell, last_cell = columns_in_order[0], columns_in_order[-1]
+        column_by_name = dict(zip(missing_names, columns_in_order, strict=True))
+        hint = f" Columns {first_cell} … {last_cell} match no joint by name. If they are the joints in order:"
         values = np.concatenate([first_numbers(self.cells.index(cell)) for cell in columns_in_order])
         options = "{0}"
         seem_degrees = np.abs(values).max() > math.tau
@@ -691,18 +692,18 @@ class Assignment:
         if timeless:
             options += f", and {{2}}{self.usual_rate()} in place of the column of time if there is none"
         return TrajectoryError(
-            f"{self.where}: no column for {listed(missing)}.{hint} {options}; {self.found_text()}",
-            _columns_argument(missing, dict(zip(missing, columns_in_order, strict=True)), timeless=timeless),
+            f"{self.where}: no column for {listed(missing_names)}.{hint} {options}; {self.found_text()}",
+            _columns_argument(missing_names, column_by_name, timeless=timeless),
             Argument("degrees", True),
             Argument("rate", Placeholder("HZ")),
         )
 
-    def logged_arm(self, unused: Sequence[str]) -> list[str]:
+    def logged_arm(self, unused_cells: Sequence[str]) -> list[str]:
         """Coordinates of the arm, or of all arms, that have columns, if the robot has joints beside them; otherwise empty.
 
-        Columns fit by name if no ``unused`` column may be another joint's, or by a rule that matches all joints of an arm.
+        Columns fit by name if none of ``unused_cells`` may be another joint's, or by a rule that matches all joints of an arm.
         """
-        arm = self._fitting_arms(unused)
+        arm = self._fitting_arms(unused_cells)
         if arm is None:
             return []
         other_coordinates = self.coordinates_beside(arm)
@@ -715,32 +716,32 @@ class Assignment:
         """Coordinates that are not in a group."""
         return [name for name in self.names["q"] if name not in group]
 
-    def arm_error(self, missing: Sequence[str], unused: Sequence[str]) -> TrajectoryError | None:
+    def arm_error(self, missing_names: Sequence[str], unused_cells: Sequence[str]) -> TrajectoryError | None:
         """Error for a log of an arm, or of all arms, of a robot that has joints beside them; None for other logs."""
-        arm = self.logged_arm(unused)
+        arm = self.logged_arm(unused_cells)
         if not arm:
             return None
-        others = self.coordinates_beside(arm)
+        other_names = self.coordinates_beside(arm)
         joints_of_all_arms = sum(map(len, self.arms))
         arm_text = "the arms"
         if len(arm) < joints_of_all_arms:
             arm_text = f"one arm, {arm[0]} to {arm[-1]}"
         elif len(self.arms) == 1:
             arm_text = "the arm"
-        others_text = f"{others[-1]} has"
-        if len(others) > 1:
-            others_text = f"{', '.join(others[:-1])} and {others[-1]} have"
+        others_text = f"{other_names[-1]} has"
+        if len(other_names) > 1:
+            others_text = f"{', '.join(other_names[:-1])} and {other_names[-1]} have"
         columns = {"JOINT": "COLUMN"}
-        if len(missing) == len(others):
-            columns = dict.fromkeys(missing, "COLUMN")
+        if len(missing_names) == len(other_names):
+            columns = dict.fromkeys(missing_names, "COLUMN")
         return TrajectoryError(
             f"{self.where}: {len(arm)} columns fit the {len(arm)} joints of {arm_text}; {others_text} none: load the robot "
             f"with {{0}}. If there are columns for more of them, name these: {{1}}; {self.found_text()}",
-            Argument("lock", dict.fromkeys(others, 0)),
+            Argument("lock", dict.fromkeys(other_names, 0)),
             Argument("columns", columns),
         )
 
-    def _fitting_arms(self, unused: Sequence[str]) -> Sequence[str] | None:
+    def _fitting_arms(self, unused_cells: Sequence[str]) -> Sequence[str] | None:
         """Joints of the only arm, or of all arms, whose columns the log has; None otherwise, or without joints beside them."""
         names = self.names["q"]
         fitting_arms: list[list[str]] = []
@@ -748,22 +749,22 @@ class Assignment:
         for arm in self.arms:
             joints = [names[k] for k in arm]
             joints_of_all_arms += joints
-            if len(joints) < len(names) and self.has_columns_of(joints, unused):
+            if len(joints) < len(names) and self.has_columns_of(joints, unused_cells):
                 fitting_arms.append(joints)
         if len(fitting_arms) == 1:
             return fitting_arms[0]
         robot_has_other_joints = len(joints_of_all_arms) < len(names)
         if fitting_arms or len(self.arms) < 2 or not robot_has_other_joints:
             return None
-        if self.has_columns_of(joints_of_all_arms, unused):
+        if self.has_columns_of(joints_of_all_arms, unused_cells):
             return joints_of_all_arms
         return None
 
-    def has_columns_of(self, group: Sequence[str], unused: Sequence[str]) -> bool:
+    def has_columns_of(self, group: Sequence[str], unused_cells: Sequence[str]) -> bool:
         """True if the log has the positions of exactly this group of joints, by name or by a rule that matches all of them."""
         names = self.names["q"]
         if self.assigned["q"]:
-            return not unused and {names[k] for k in self.assigned["q"]} == {*group}
+            return not unused_cells and {names[k] for k in self.assigned["q"]} == {*group}
         columns = candidates(self.free_names()).get("q", [])
         other_joints = [*self.reading.locked, *self.coordinates_beside(group)]
         _, matches = _match_by_rules(columns, group, other_joints)
@@ -771,10 +772,10 @@ class Assignment:
 
     def check_complete(self, first_numbers: Callable[[int], Array]) -> None:
         """Raise TrajectoryError if time, coordinates or rates are missing; ``first_numbers`` returns a column's numbers."""
-        missing = [self.names["q"][k] for k in self.without_column("q")]
+        missing_names = [self.names["q"][k] for k in self.without_column("q")]
         timeless = self.time is None and self.reading.rate is None
-        if missing:
-            raise self.without_columns(missing, first_numbers, timeless=timeless)
+        if missing_names:
+            raise self.without_columns(missing_names, first_numbers, timeless=timeless)
         if timeless:
             raise TrajectoryError(
                 f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; or give {{0}}, or "
@@ -808,10 +809,10 @@ def _suggestion(name: str, choices: Sequence[str]) -> str:
     return f" Did you mean {similar[0]!r}?" if similar else ""
 
 
-def _columns_argument(missing: Sequence[str], columns: Mapping[str, str], *, timeless: bool) -> Argument:
+def _columns_argument(missing_names: Sequence[str], columns: Mapping[str, str], *, timeless: bool) -> Argument:
     """Option ``columns`` with a column for each missing coordinate, and for the time if there is none."""
     entries = {"time": "COLUMN"} if timeless else {}
-    for name in missing:
+    for name in missing_names:
         entries[name] = columns.get(name, "COLUMN")
     return Argument("columns", entries)
 
@@ -858,7 +859,7 @@ def absent_joints(
         matches = match_most_by_prefix(position_columns, names)
         present = {name for name, column in zip(names, matches, strict=True) if column is not None}
     if not present:
-        present = {*assignment.logged_arm(unused=())}
+        present = {*assignment.logged_arm(unused_cells=())}
     joints_present = {*present, *map(_joint, present)}
     return tuple(joint for joint in joints if joint not in joints_present)
 

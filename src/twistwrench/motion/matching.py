@@ -317,11 +317,11 @@ def _pattern(words: Iterable[str]) -> Words:
     return tuple("#" if word.isdigit() else word for word in words)
 
 
-def _has_unmatched(matched: Iterable[Words], all_words: Iterable[Words], known: Iterable[Words]) -> bool:
-    """True if a name in ``all_words`` that is neither matched nor known differs from a matched name only by a number."""
-    unmatched = {*all_words} - {*matched, *known}
+def _has_unmatched(matched_names: Iterable[Words], all_names: Iterable[Words], known_names: Iterable[Words]) -> bool:
+    """True if a name in ``all_names`` that is neither matched nor known differs from a matched name only by a number."""
+    unmatched = {*all_names} - {*matched_names, *known_names}
     unmatched_patterns = {_pattern(words) for words in unmatched}
-    return not unmatched_patterns.isdisjoint(map(_pattern, matched))
+    return not unmatched_patterns.isdisjoint(map(_pattern, matched_names))
 
 
 Rule = Callable[[Sequence[Candidate], Sequence[str], Sequence[str]], "list[Candidate] | None"]

@@ -260,33 +260,34 @@ class MotionFigures:
     @classmethod
     def from_parts(cls, parts: Sequence[MotionFigures]) -> MotionFigures:
         """Figures of consecutive rows from the figures of their parts."""
-        each = partial(_field_of_each, parts)
+        field_of_each = partial(_field_of_each, parts)
         drives = np.arange(parts[0].whole.peak.value.size)
         part_with_peak = np.argmax([part.whole.peak.value for part in parts], axis=0)
-        states_at_peaks = _join_samples(each("at_peaks"))  # states of all drives in the first part, in the second, ...
-        q, dq = map(np.concatenate, zip(*each("edges"), strict=True))
+        # states of all drives in the first part, then in the second, and so on
+        states_at_peaks = _join_samples(field_of_each("at_peaks"))
+        q, dq = map(np.concatenate, zip(*field_of_each("edges"), strict=True))
         return cls(
-            rows=sum(each("rows")),
-            squares=np.sum(each("squares"), axis=0),
-            whole=Extremes.from_parts(each("whole")),
-            sound=Extremes.from_parts(each("sound")),
-            unloaded_peak=Extrema.merge(each("unloaded_peak")),
-            speed=Extrema.merge(each("speed")),
+            rows=sum(field_of_each("rows")),
+            squares=np.sum(field_of_each("squares"), axis=0),
+            whole=Extremes.from_parts(field_of_each("whole")),
+            sound=Extremes.from_parts(field_of_each("sound")),
+            unloaded_peak=Extrema.merge(field_of_each("unloaded_peak")),
+            speed=Extrema.merge(field_of_each("speed")),
             at_peaks=states_at_peaks[part_with_peak * len(drives) + drives],
-            envelope=Bins.from_parts(each("envelope")),
-            band=_join_optional(Bins.from_parts, each("band")),
-            runs=_join_optional(Runs.from_parts, each("runs")),
+            envelope=Bins.from_parts(field_of_each("envelope")),
+            band=_join_optional(Bins.from_parts, field_of_each("band")),
+            runs=_join_optional(Runs.from_parts, field_of_each("runs")),
             edges=(q, dq),
-            fastest=np.max(each("fastest"), axis=0),
-            largest=np.max(each("largest"), axis=0),
-            noise=np.max(each("noise"), axis=0),
-            stationary=np.sum(each("stationary"), axis=0),
-            outliers=np.concatenate(each("outliers")),
-            motors=_join_optional(MotorFigures.from_parts, each("motors")),
-            payload_shares=_join_optional(PayloadShares.from_parts, each("payload_shares")),
-            payload_torque=max(each("payload_torque")),
-            comparisons=tuple(map(TorqueComparison.from_parts, zip(*each("comparisons"), strict=True))),
-            is_above_limit=np.concatenate(each("is_above_limit")),
+            fastest=np.max(field_of_each("fastest"), axis=0),
+            largest=np.max(field_of_each("largest"), axis=0),
+            noise=np.max(field_of_each("noise"), axis=0),
+            stationary=np.sum(field_of_each("stationary"), axis=0),
+            outliers=np.concatenate(field_of_each("outliers")),
+            motors=_join_optional(MotorFigures.from_parts, field_of_each("motors")),
+            payload_shares=_join_optional(PayloadShares.from_parts, field_of_each("payload_shares")),
+            payload_torque=max(field_of_each("payload_torque")),
+            comparisons=tuple(map(TorqueComparison.from_parts, zip(*field_of_each("comparisons"), strict=True))),
+            is_above_limit=np.concatenate(field_of_each("is_above_limit")),
         )
 
 

@@ -575,9 +575,11 @@ def _motion_sentence(e: Excess, *, degrees: bool) -> str:
             time=seconds(e.time),
         )
     if e.kind == "velocity":
-        quantity, excess = "dq", abs(e.value) - e.limit
+        quantity = "dq"
+        excess = abs(e.value) - e.limit
     else:
-        quantity, excess = "q", abs(e.value - e.limit)
+        quantity = "q"
+        excess = abs(e.value - e.limit)
     factor = 1.0
     if degrees and e.angular:
         factor = math.degrees(1.0)
@@ -623,9 +625,9 @@ def _excess_sentences(excesses: list[tuple[Excess, str]]) -> list[str]:
     """Sentence on the worst excess, and one on all others; empty without excesses."""
     if not excesses:
         return []
-    (worst, text), *others = excesses
+    (worst, worst_text), *other_excesses = excesses
     quantities_by_joint: dict[str, list[str]] = {}
-    for e, _ in others:
+    for e, _ in other_excesses:
         quantity = KINDS[e.kind]
         quantities = quantities_by_joint.setdefault(e.joint, [])
         is_in_text = (e.joint, quantity) == (worst.joint, KINDS[worst.kind])  # the other position limit of the joint
@@ -636,8 +638,8 @@ def _excess_sentences(excesses: list[tuple[Excess, str]]) -> list[str]:
         if quantities:
             other_texts.append(sentence("other", joint=joint, kinds=", ".join(quantities)))
     if not other_texts:
-        return [text]
-    return [text, sentence("also", others=listed(other_texts, _MAX_LISTED_JOINTS))]
+        return [worst_text]
+    return [worst_text, sentence("also", others=listed(other_texts, _MAX_LISTED_JOINTS))]
 
 
 # ── Notes on the log
@@ -845,9 +847,11 @@ def _noise_note(report: TorqueReport) -> str:
         usual_error = np.median(stamp_errors[stamp_errors > 0])
         noise_text += f", and stamp errors of {number(1e3 * usual_error, 2)} ms"
     if report.derived is None:
-        subject, sigma_ddq = "Smoothed, it still", d.sigma_ddq
+        subject = "Smoothed, it still"
+        sigma_ddq = d.sigma_ddq
     else:
-        subject, sigma_ddq = "As it is, it", report.derived.differentiation.sigma_ddq
+        subject = "As it is, it"
+        sigma_ddq = report.derived.differentiation.sigma_ddq
     worst = int(sigma_ddq.argmax())
     is_angular = bool(Coordinates.from_model(d.model).angular_velocity[worst])
     unit = unit_of("ddq", is_angular)

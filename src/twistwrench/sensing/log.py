@@ -148,7 +148,7 @@ class ReadingLog:
         V_rows = None if V is None else _reading_rows(V, n, 6, f"{name}: V")
         dV_rows = None if dV is None else _reading_rows(dV, n, 6, f"{name}: dV")
         if not np.isfinite(F).all():
-            row, column = np.argwhere(~np.isfinite(F))[0]
+            row, column = np.argwhere(~np.isfinite(F))[0]  # the first one
             raise ValueRangeError(
                 f"{name}: {WRENCH[column]} of reading {row} is {F[row, column]}. Readings must be finite: fill or remove it."
             )

@@ -105,9 +105,9 @@ def plot_one_of(plots: Mapping[str, Plot], answer: Answer, kind: str | Path | No
         target = picture_path(path)
         draw(target)
         return Path(target)
-    shown = style.ShownFigure()
-    draw(shown)
-    return shown.figure
+    shown_figure = style.ShownFigure()
+    draw(shown_figure)
+    return shown_figure.figure
 
 
 @plots_of.register

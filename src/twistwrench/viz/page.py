@@ -620,10 +620,10 @@ def _switches(
         _Switch("path", "Path of the tip", has_path, True),
     ]
     if book is None:
-        shown = {switch.key: switch.on and switch.present for switch in switches}
+        is_shown = {switch.key: switch.on and switch.present for switch in switches}
     else:
-        shown = {switch.key: switch.key in book.shown for switch in switches}
-    return shown, [(switch.key, switch.label) for switch in switches if switch.present]
+        is_shown = {switch.key: switch.key in book.shown for switch in switches}
+    return is_shown, [(switch.key, switch.label) for switch in switches if switch.present]
 
 
 def _has_only_driven_joints(data: Mapping[str, Any]) -> bool:

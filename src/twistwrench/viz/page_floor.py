@@ -41,13 +41,14 @@ def spheres_of(scene: Scene) -> list[dict[str, Any]]:
         positions_along_axis = (points - middle) @ axis
         vectors_from_axis = points - middle - positions_along_axis[:, None] * axis
         radius = float(np.linalg.norm(vectors_from_axis, axis=1).max())
-        first = positions_along_axis.min() + radius
-        last = positions_along_axis.max() - radius
-        positions = np.array([(first + last) / 2])  # of the spheres' centres along the axis
-        if last > first:
-            interval_count = np.ceil(max(last - first, 0.0) / max(radius, _MIN_RADIUS))  # at most a radius long
+        first_position = positions_along_axis.min() + radius
+        last_position = positions_along_axis.max() - radius
+        positions = np.array([(first_position + last_position) / 2])  # of the spheres' centres along the axis
+        if last_position > first_position:
+            length = max(last_position - first_position, 0.0)
+            interval_count = np.ceil(length / max(radius, _MIN_RADIUS))  # intervals are at most a radius long
             sphere_count = int(np.clip(interval_count + 1, 1, _MAX_SPHERES))
-            positions = np.linspace(first, last, sphere_count)
+            positions = np.linspace(first_position, last_position, sphere_count)
         spheres += [{"body": k, "middle": (middle + t * axis).tolist(), "radius": radius} for t in positions]
     return spheres
 

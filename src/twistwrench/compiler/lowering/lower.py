@@ -203,8 +203,8 @@ class Emitter:
         """Sine and cosine of an angle, by number; the first use also computes those of other waiting angles, in lockstep."""
         if angle not in self.pairs:
             if angle in self.waiting:
-                others = [other for other in self.waiting if other != angle]
-                group = [angle, *others][:MAX_ANGLES_IN_LOCKSTEP]
+                other_angles = [other for other in self.waiting if other != angle]
+                group = [angle, *other_angles][:MAX_ANGLES_IN_LOCKSTEP]
                 reduced = [self.waiting.pop(number) for number in group]
             else:
                 group = [angle]
@@ -252,9 +252,9 @@ _LLVM_OPERATIONS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 
 def _emit_operation(w: LlvmWriter, op: str, operands: list[str]) -> str:
     """Vector of an operation on these vectors; sines and cosines are emitted elsewhere."""
-    first = operands[0]
+    first_operand = operands[0]
     if op in _LLVM_OPERATIONS:
-        return w.binary(_LLVM_OPERATIONS[op], first, operands[1])
+        return w.binary(_LLVM_OPERATIONS[op], first_operand, operands[1])
     if op in FUSED:
         product_sign, addend_sign = FUSED[op]
         a, b, addend = operands
@@ -264,14 +264,14 @@ def _emit_operation(w: LlvmWriter, op: str, operands: list[str]) -> str:
             addend = w.negate(addend)
         return w.fma(a, b, addend)
     if op == "neg":
-        return w.negate(first)
+        return w.negate(first_operand)
     if op == "sign":  # 0 stays 0 and NaN stays NaN; unlike <, a comparison for equality with NaN sets no error flag
-        is_zero_or_nan = w.new(f"fcmp ueq {w.vector} {first}, {w.splat(0.0)}")
-        return w.select(is_zero_or_nan, first, w.intrinsic("copysign", w.splat(1.0), first))
+        is_zero_or_nan = w.new(f"fcmp ueq {w.vector} {first_operand}, {w.splat(0.0)}")
+        return w.select(is_zero_or_nan, first_operand, w.intrinsic("copysign", w.splat(1.0), first_operand))
     if op in ("min", "max"):
         comparison = "olt" if op == "min" else "ogt"
-        takes_first = w.new(f"fcmp {comparison} {w.vector} {first}, {operands[1]}")
-        return w.select(takes_first, first, operands[1])
+        takes_first = w.new(f"fcmp {comparison} {w.vector} {first_operand}, {operands[1]}")
+        return w.select(takes_first, first_operand, operands[1])
     if op == "exp":
-        return exp(w, first)
-    return w.intrinsic(op, first)
+        return exp(w, first_operand)
+    return w.intrinsic(op, first_operand)

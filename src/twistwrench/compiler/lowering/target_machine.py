@@ -168,9 +168,10 @@ class Precision:
     def rounded(self, value: float) -> float:
         """Nearest representable number; infinity above the largest, as NumPy rounds."""
         try:
-            return float(struct.unpack(self.char, struct.pack(self.char, value))[0])
+            (rounded_value,) = struct.unpack(self.char, struct.pack(self.char, value))
         except OverflowError:
             return math.copysign(math.inf, value)
+        return float(rounded_value)
 
     def pattern(self, value: float) -> int:
         """Bits of the nearest representable number as a signed integer; larger positive numbers have larger integers."""
@@ -242,16 +243,16 @@ def chosen() -> Machine:
     name = os.environ.get(VARIABLE, "").strip().lower() or "host"
     if name == "host":
         return host()
-    allowed = choices()
-    if name not in allowed:
+    machines = choices()
+    if name not in machines:
         reason = ""
         if name in X86_LEVELS and _is_x86(host().triple):
             reason = f" {name} wants {', '.join(_missing_features(name))}."
         raise ValueRangeError(
             f"{VARIABLE}: {os.environ[VARIABLE]!r} names no processor whose code this one ({host().cpu}) runs.{reason}"
-            f" Allowed here: {', '.join(allowed)}."
+            f" Allowed here: {', '.join(machines)}."
         )
-    return allowed[name]
+    return machines[name]
 
 
 def _machine(triple: str, cpu: str, features: str, present: frozenset[str]) -> Machine:
@@ -275,9 +276,9 @@ def _is_x86(triple: str) -> bool:
 def _missing_features(level: str) -> list[str]:
     """Features that the host lacks, of an x86-64 level and of all levels below it."""
     present = compiler().present
-    missing = []
+    missing_features = []
     for name, features in X86_LEVELS.items():
-        missing += [feature for feature in features if feature not in present]
+        missing_features += [feature for feature in features if feature not in present]
         if name == level:
             break
-    return missing
+    return missing_features

@@ -168,14 +168,15 @@ def _held_row_count(step: int, steps: Array) -> int:
 
     ``steps`` (n, k) are all steps relative to typical ones.
     """
-    first = step  # first of the steps at rest before the step
-    while first > 0 and np.abs(steps[first - 1]).max() <= _MAX_STEP_AT_REST:
-        first -= 1
+    held_count = 0
+    while held_count < step and np.abs(steps[step - held_count - 1]).max() <= _MAX_STEP_AT_REST:
+        held_count += 1
+    first = step - held_count  # first step at rest
     neighbours = [steps[k] for k in (first - 2, first - 1, step + 1, step + 2) if 0 <= k < len(steps)]
-    expected = (step - first + 1) * np.mean(neighbours, axis=0)  # motion of the step itself and of the held rows
+    expected = (held_count + 1) * np.mean(neighbours, axis=0)  # motion of the step itself and of the held rows
     difference = steps[step] - expected
     if np.linalg.norm(difference) < _MAX_DISAGREEMENT * np.linalg.norm(steps[step]):
-        return step - first
+        return held_count
     return 0
 
 

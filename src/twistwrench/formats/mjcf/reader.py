@@ -126,7 +126,8 @@ class _Reader:
         body = self.bodies[k]
         element = body.element
         self.builder.add_link(body.name, inertia, element.place, shaped=bool(body.geoms))
-        if element.floats("gravcomp", (0.0,))[0]:
+        gravity_compensation, *_ = element.floats("gravcomp", (0.0,))
+        if gravity_compensation:
             self.builder.note(element, LEFT_OUT["body/gravcomp"])
         for plugin in body.plugins:
             self.builder.note(plugin, LEFT_OUT["body/plugin"])

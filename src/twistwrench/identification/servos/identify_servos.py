@@ -142,12 +142,12 @@ def _require_servo_arm(robot: Robot) -> Robot:
     return robot
 
 
-def servo_logs(robot: Robot, given: Log | Sequence[Log], argument_name: str) -> list[ServoLog]:
+def servo_logs(robot: Robot, sources: Log | Sequence[Log], argument_name: str) -> list[ServoLog]:
     """Logs of the argument ``logs`` or ``test``; raises ShapeError and ValueRangeError for logs that cannot be used."""
-    if isinstance(given, Motion | str | Path):
-        given = [given]
+    if isinstance(sources, Motion | str | Path):
+        sources = [sources]
     logs = []
-    for k, log in enumerate(given, 1):
+    for k, log in enumerate(sources, 1):
         name = f"{argument_name} number {k}"
         motion = log if isinstance(log, Motion) else Motion.from_file(log, robot)
         if motion.robot.coordinate_names != robot.coordinate_names:
@@ -226,7 +226,7 @@ def _fit_with_hold(
             initial[k + 1 - count : k + 1] += logarithm - initial[k]
         initial[k] = logarithm
         free[k] = False
-    report_progress(0.1)
+    report_progress(0.1)  # shares of the usual time
     replay = ServoReplay(robot, logs, first_hold, ServoReplay.step_of(initial))
     problem = OutputErrorProblem.from_logs(replay, initial, free)
     fit = problem.solve(initial)

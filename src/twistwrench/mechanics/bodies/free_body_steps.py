@@ -62,14 +62,14 @@ class MissedImpulse:
         """Largest entry of a missed impulse."""
         self.time_of_largest = 0.0
 
-    def record(self, t: float, push: Push, before: State, after: State) -> None:
+    def record(self, t: float, push: Push, state_before: State, state_after: State) -> None:
         """Record a step from t: the wrench is evaluated along the straight line between the two states."""
         if not self.needs_probes:
             return
         shares, weights = self.rule.shares(self.h)
         wrenches_at_probes = []
         for share in shares.tolist():
-            q, *other_parts = ((1.0 - share) * a + share * b for a, b in zip(before, after, strict=True))
+            q, *other_parts = ((1.0 - share) * a + share * b for a, b in zip(state_before, state_after, strict=True))
             wrenches_at_probes.append(push(t + share * self.h, q / np.linalg.norm(q), *other_parts))
         wrenches = np.array(wrenches_at_probes)
         missed_impulse = self.h * np.abs(left_out(weights, wrenches))
@@ -207,7 +207,7 @@ def motion_under_wrench(
     record = [(q, p, l, f, impulse, work)]
     for i in range(1, n + 1):
         t = (i - 1) * h
-        before = (q, p, l, f)
+        state_before = (q, p, l, f)
         for half, turns, last_turn in half_steps:
             _require_computable(l, t)
             q = np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn))
@@ -223,7 +223,7 @@ def motion_under_wrench(
             q = np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn))
             p = p + half / body.mass * f
             t = t + half
-        missed.record((i - 1) * h, wrench, before, (q, p, l, f))
+        missed.record((i - 1) * h, wrench, state_before, (q, p, l, f))
         if i % stride == 0 or i == n:
             record.append((q, p, l, f, impulse, work))
     q, p, l, f, impulses, works = (np.array(column) for column in zip(*record, strict=True))

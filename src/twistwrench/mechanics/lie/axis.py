@@ -196,16 +196,16 @@ def _unit_and_length(x: Array) -> tuple[Array, Array]:
     return x / nonzero_length[..., None], length
 
 
-def _axis(first: Array, second: Array, what: str) -> Axis:
+def _axis(axis_half: Array, origin_half: Array, what: str) -> Axis:
     """Axis of a screw from its half along the axis and its half at the origin; ``what`` names the screw in messages."""
-    line_direction, line_length = _unit_and_length(first)
-    moment_direction, moment_length = _unit_and_length(second)
+    line_direction, line_length = _unit_and_length(axis_half)
+    moment_direction, moment_length = _unit_and_length(origin_half)
     has_no_line = line_length == 0
     is_zero = has_no_line & (moment_length == 0)
     are_finite = np.isfinite(line_length + moment_length).all()
     if np.any(is_zero) or not are_finite:
         raise ValueRangeError(f"a {what} needs six finite numbers that are not all zero to have an axis.")
-    moment_ratio = second / np.where(has_no_line, 1.0, line_length)[..., None]
+    moment_ratio = origin_half / np.where(has_no_line, 1.0, line_length)[..., None]
     return Axis(
         direction=np.where(has_no_line[..., None], moment_direction, line_direction),
         point=np.where(has_no_line[..., None], 0.0, cross(line_direction, moment_ratio)) + 0.0,  # no -0.0

@@ -34,32 +34,32 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     model.frame(frame)
     link = str(model.tip if frame is None else frame)
     pose_in_link = pose
-    whole = disassemble(model, extra=False)  # becomes the joined robot
-    part = _with_prefix(disassemble(other, extra=False), prefix)
-    if link in whole.additions.sites:
-        site = whole.additions.sites[link]
+    carrier = disassemble(model, extra=False)  # its parts become the joined robot
+    attached = _with_prefix(disassemble(other, extra=False), prefix)
+    if link in carrier.additions.sites:
+        site = carrier.additions.sites[link]
         link = site.link
         pose_in_link = np.asarray(site.pose @ pose)
-    _check_names(whole, part, prefix)
-    whole.additions.motor_joints = _motors_of_both(whole, part)
-    whole.links |= part.links
-    connection = unused(f"{part.root}.attached", _joint_names([*whole.joints, *part.joints]))
-    whole.joints += [fixed_entry(connection, link, part.root, pose_in_link), *part.joints]
-    whole.friction |= _without_root_joint(part, part.friction)
-    whole.armature |= _without_root_joint(part, part.armature)
-    whole.actuators += part.actuators
-    whole.couplings += part.couplings
-    whole.payloads += part.payloads
-    additions, new_additions = whole.additions, part.additions
+    _check_names(carrier, attached, prefix)
+    carrier.additions.motor_joints = _motors_of_both(carrier, attached)
+    carrier.links |= attached.links
+    connection = unused(f"{attached.root}.attached", _joint_names([*carrier.joints, *attached.joints]))
+    carrier.joints += [fixed_entry(connection, link, attached.root, pose_in_link), *attached.joints]
+    carrier.friction |= _without_root_joint(attached, attached.friction)
+    carrier.armature |= _without_root_joint(attached, attached.armature)
+    carrier.actuators += attached.actuators
+    carrier.couplings += attached.couplings
+    carrier.payloads += attached.payloads
+    additions, new_additions = carrier.additions, attached.additions
     additions.sites |= new_additions.sites
     additions.springs += new_additions.springs
     additions.closures |= new_additions.closures
     additions.locked |= new_additions.locked
     for configuration, positions in new_additions.configurations.items():
         own_positions = additions.configurations.get(configuration, {})
-        additions.configurations[configuration] = own_positions | _without_root_joint(part, positions)
-    whole.name = name
-    joined = reassemble(whole)
+        additions.configurations[configuration] = own_positions | _without_root_joint(attached, positions)
+    carrier.name = name
+    joined = reassemble(carrier)
     return replace(joined, defects=(*model.defects, *other.defects))
 
 
@@ -71,15 +71,15 @@ def _without_root_joint(part: ModelParts, values: Mapping[str, _Value]) -> dict[
     return remaining
 
 
-def _motors_of_both(whole: ModelParts, part: ModelParts) -> set[str]:
+def _motors_of_both(carrier: ModelParts, attached: ModelParts) -> set[str]:
     """Joints with motors of two joined robots; empty, for all joints, if neither file names joints with motors.
 
     If only one file names them, all joints of the other robot are driven.
     """
-    if not (whole.additions.motor_joints or part.additions.motor_joints):
+    if not (carrier.additions.motor_joints or attached.additions.motor_joints):
         return set()
     motor_joints: set[str] = set()
-    for parts in (whole, part):
+    for parts in (carrier, attached):
         driven_joints = {joint.name for joint in parts.joints if not joint.fixed and joint.joint.driven}
         motor_joints |= parts.additions.motor_joints or driven_joints
     return motor_joints
@@ -161,12 +161,12 @@ _AT_ORIGIN = np.array([1.0, 0, 0, 0, 0, 0, 0])
 """Coordinates of a floating base at the origin: unit quaternion and position."""
 
 
-def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
+def _check_names(carrier: ModelParts, attached: ModelParts, prefix: str) -> None:
     """Raise ModelError if both robots have entries of one kind with the same name."""
-    part_names = _names_by_kind(part)
-    for kind, names in _names_by_kind(whole).items():
-        whole_names = set(names)
-        shared_names = [name for name in part_names[kind] if name in whole_names]
+    attached_names = _names_by_kind(attached)
+    for kind, names in _names_by_kind(carrier).items():
+        carrier_names = set(names)
+        shared_names = [name for name in attached_names[kind] if name in carrier_names]
         if shared_names:
             example = "FILE@FRAME:hand_" if in_the_shell() else "prefix='hand_'"
             advice = "another prefix" if prefix else f"a prefix for the names of the one attached, such as {example}"

@@ -37,7 +37,7 @@ def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     if np.array_equal(snapped, R) or is_permutation or _is_rotation(snapped, _MAX_ROUNDING):
         return snapped
     if is_unit.any():  # rotation about one axis: a block of two rows and columns remains
-        i, j = np.argwhere(is_unit)[0]
+        i, j = np.argwhere(is_unit)[0]  # the only unit
         other_rows = [k for k in range(3) if k != i]
         other_columns = [k for k in range(3) if k != j]
         block = np.ix_(other_rows, other_columns)

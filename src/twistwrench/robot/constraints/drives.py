@@ -70,10 +70,10 @@ def require_balanced(closed: ConstrainedRobot, residual: Array, f: Array, is_dri
     ``residual`` (..., n) are these torques; they may be rounding errors of the torques f (..., nv).
     """
     largest_residual = np.abs(residual).max(axis=-1, initial=0.0)
-    allowed = MAX_RESIDUAL_TORQUE * np.abs(f).max(axis=-1, initial=0.0)
-    if (largest_residual <= allowed).all():
+    allowed_residual = MAX_RESIDUAL_TORQUE * np.abs(f).max(axis=-1, initial=0.0)
+    if (largest_residual <= allowed_residual).all():
         return
-    worst_state = int((largest_residual - allowed).argmax())
+    worst_state = int((largest_residual - allowed_residual).argmax())
     robot = closed.open()
     undriven_joints = joints(robot, ~is_driven)
     driven_joints = ", ".join(joints(robot, is_driven)) or "no joint"

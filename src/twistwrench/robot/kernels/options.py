@@ -60,26 +60,26 @@ def options_by_quantity(model: Model, names: Sequence[str], options: Mapping[str
         return {names[0]: checked_options(model, names[0], options)}
     allowed_by_quantity = {name: options_of(name) for name in names}
     for option in options:
-        is_unknown = all(option not in allowed for allowed in allowed_by_quantity.values())
+        is_unknown = all(option not in allowed_options for allowed_options in allowed_by_quantity.values())
         if is_unknown:
             raise KernelError(f"none of {', '.join(names)} takes an option {option!r}.")
     options_of_quantities = {}
-    for name, allowed in allowed_by_quantity.items():
-        applicable = {option: value for option, value in options.items() if option in allowed}
+    for name, allowed_options in allowed_by_quantity.items():
+        applicable = {option: value for option, value in options.items() if option in allowed_options}
         options_of_quantities[name] = checked_options(model, name, applicable)
     return options_of_quantities
 
 
 def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Options with defaults filled in, frames resolved and kinds checked."""
-    allowed = options_of(name)
+    allowed_options = options_of(name)
     for option in options:
-        if option not in allowed:
-            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed)}.")
+        if option not in allowed_options:
+            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed_options)}.")
     if name == "christoffel":
         _require_plain_rates(model)
     complete_options: dict[str, Any] = {}
-    if "frame" in allowed:
+    if "frame" in allowed_options:
         frame = options.get("frame")
         model.frame(frame)  # only for its error
         complete_options["frame"] = model.tip if frame is None else frame
@@ -92,7 +92,7 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         complete_options["gravity"] = "input"
     if options.get("friction"):
         complete_options["friction"] = True
-    if "kind" in allowed:
+    if "kind" in allowed_options:
         complete_options["kind"] = options.get("kind", "body")
         if complete_options["kind"] not in kinematics.KINDS:
             kind = str(complete_options["kind"])
@@ -102,13 +102,13 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
                     f"no kind named {kind!r}: Pinocchio's name for kind={name_here!r}, which has angular rows first."
                 )
             raise UnknownNameError.from_choices("kind", complete_options["kind"], kinematics.KINDS)
-    if "rows" in allowed:
+    if "rows" in allowed_options:
         if model.nv == 0:
             raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")
         complete_options["rows"] = kinematics.row_numbers(options.get("rows"))
-    if "constraints" in allowed:
+    if "constraints" in allowed_options:
         complete_options["constraints"] = _constraints(name, options.get("constraints", ()))
-    if "wrenches" in allowed:
+    if "wrenches" in allowed_options:
         complete_options |= _wrench_options(model, name, options)
     if options.get("parameters"):
         complete_options["parameters"] = matching(model, _names_tuple(options["parameters"]))

@@ -132,7 +132,8 @@ class OneByOne:
 
     def after(self, t: float, y: Array, h: float) -> Array:
         """State at t + ``h``."""
-        return self.step_and_accelerations(t, y, h)[0]
+        y1, _ = self.step_and_accelerations(t, y, h)
+        return y1
 
     def step_and_accelerations(self, t: float, y: Array, h: float) -> tuple[Array, Array]:
         """State at t + h, and accelerations (nv,) at t."""

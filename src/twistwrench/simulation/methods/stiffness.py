@@ -27,7 +27,7 @@ MAX_REMAINING_STEPS = 100_000
 
 
 class Stiffness:
-    """Counts of trial steps since the last check, and of those that stability limited."""
+    """Counts of trial steps since the last check: all steps, and steps limited by stability."""
 
     def __init__(self, system: System, trials: TrialSteps | FunctionTrials, duration: float) -> None:
         self.system = system

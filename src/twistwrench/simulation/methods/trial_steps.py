@@ -160,20 +160,20 @@ class TrialSteps:
         # An input or output is an array and its row for each call k: always row 0, or row k.
         first_row, own_row = np.zeros(m, int), np.arange(m)
         parts_of_state = slice(0, system.nq), system.moving, slice(system.nq + system.nv, size)
-        before = [(self._y[:, part], first_row) for part in parts_of_state]
-        after = [(self.states[:, part], own_row) for part in parts_of_state]
+        rows_before = [(self._y[:, part], first_row) for part in parts_of_state]
+        rows_after = [(self.states[:, part], own_row) for part in parts_of_state]
         error_rows = [(self.errors, own_row), (self.statistics, own_row)]
         values = {"tau": self._tau}
         for name, constant in constants(system, plan).items():
             values[name] = constant[None]
         plan_inputs = [(values[name], first_row) for name, _ in plan.inputs[1:]]
         tolerance_inputs = [(np.array([tolerance]), first_row) for tolerance in tolerances]
-        inputs: list[Rows] = [*before, (self._K, first_row), *error_rows, (self._h, first_row)]
+        inputs: list[Rows] = [*rows_before, (self._K, first_row), *error_rows, (self._h, first_row)]
         plan_input_names = list(dict(plan.inputs))
         first_plan_input = len(inputs) - 1  # the length of the step, which is the first input of the plan
         tau_input = first_plan_input + plan_input_names.index("tau")
         inputs += [*plan_inputs, *tolerance_inputs]
-        outputs: list[Rows] = [*after, (self.rates, own_row), *error_rows]
+        outputs: list[Rows] = [*rows_after, (self.rates, own_row), *error_rows]
         self._call = _row_caller(kernel, inputs, outputs, tau_input)
 
     @classmethod

@@ -316,17 +316,18 @@ def _write_label(axes: style.Axes, x: float, y: float, label: str, colour: str) 
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
     height = (y - low) / (high - low)  # as a fraction of the axes
-    if x > (left + right) / 2:  # a label just outside the axes
-        place, alignment = (1.02, height), "left"
-    else:
-        place, alignment = (-0.02, height), "right"
+    place = (-0.02, height)  # just outside the axes
+    alignment = "right"
+    if x > (left + right) / 2:
+        place = (1.02, height)
+        alignment = "left"
     axes.annotate(
         label, (x, y), place, textcoords="axes fraction", ha=alignment, va="center", color=colour, fontsize=11,
         fontweight="bold", arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 1.0},
     )  # fmt: skip
 
 
-def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, most: int) -> bytes:
+def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, max_bytes: int) -> bytes:
     """First frame of a page as WebP, of a given width in pixels and limited in bytes.
 
     Links of joints that pass their torque limits on the motion are red.
@@ -350,7 +351,7 @@ def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, 
         for quality in (80, 60, 40, 20):  # the best one that fits, or the last
             buffer = BytesIO()
             thumbnail.save(buffer, "WEBP", quality=quality)
-            if buffer.tell() <= most:
+            if buffer.tell() <= max_bytes:
                 break
     return buffer.getvalue()
 
