@@ -253,7 +253,7 @@ def rows_of_window(log: LogSource, window: slice, checks: LogChecks) -> WindowRo
 
 
 def _with_pauses(time: Array, q: Array) -> Array:
-    """Times (n,) with the pauses that were closed up, where positions q (n, nv) are not held."""
+    """Times (n,) with the pauses that were closed up, where coordinates q (n, nq) are not held."""
     usual_step = float(np.median(np.diff(time)))
     pause_length = max(_MIN_CLOSED_PAUSE, _MIN_CLOSED_PAUSE_STEPS * usual_step)
     pause_times = [gap.time for gap in gaps(time, q) if not gap.held]
@@ -296,7 +296,7 @@ class ReadLog:
 
     @cached_property
     def q(self) -> Array:
-        """(n, nv) positions of the rows."""
+        """(n, nq) coordinates of the rows."""
         return np.concatenate([window.q for window in self.windows])
 
     @cached_property
