@@ -53,7 +53,7 @@ class CheckedMotion:
     rows: int = 0
     """Number of states."""
     reason: str = ""
-    """Reasons against OK; the error of a file that cannot be read."""
+    """Reasons against OK, with "; " between them; empty for OK. For a file that cannot be read: the error."""
 
     @property
     def severity(self) -> float:
@@ -72,8 +72,8 @@ class CheckedMotion:
     def from_report(cls, file: str, report: TorqueReport) -> CheckedMotion:
         """The line of a report; without joint, peak and limit if the report has no worst joint."""
         word = str(report.verdict.word)
-        reasons = "; ".join(report.verdict.reasons)
-        checked = cls(file, verdict=word, rows=report.rows, reason=reasons)
+        reason = "; ".join(report.verdict.reasons)
+        checked = cls(file, verdict=word, rows=report.rows, reason=reason)
         if report.worst is None:
             return checked
         worst = report.joints[report.worst]
@@ -117,12 +117,14 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
     def verdict(self) -> Verdict:
         """The severest word, with the number of motions that have it; a file that cannot be read makes OK UNSURE."""
         motion_counts = Counter(motion.verdict for motion in self.motions)
-        words = [word for word in _SEVEREST_FIRST if motion_counts[word] > 0]
-        if not words:
+        words_by_severity = [word for word in _SEVEREST_FIRST if motion_counts[word] > 0]
+        if not words_by_severity:
             return Verdict(Word.OK)
-        severest = Word.UNSURE if words[0] == FAILED else Word(words[0])
-        reasons = tuple(f"{motion_counts[word]} of {len(self)} {_REASON_ENDINGS[word]}" for word in words)
-        return Verdict(severest, reasons)
+        severest = words_by_severity[0]
+        if severest == FAILED:  # not a word of verdicts
+            severest = Word.UNSURE
+        reasons = [f"{motion_counts[word]} of {len(self)} {_REASON_ENDINGS[word]}" for word in words_by_severity]
+        return Verdict(Word(severest), tuple(reasons))
 
     @property
     def robot_name(self) -> str:
@@ -252,11 +254,12 @@ def check_each(
     >>> print(tw.check_each("ur5", [demo], payload=5).headline)
     OK: all limits kept by 1 motion.
     """
-    loaded_robot, _ = robot_of(robot, asked.pop("actuators", None), asked.pop("lock", None))
-    if isinstance(motions, str | Path):
-        motions = expanded_paths(motions)
+    actuators = asked.pop("actuators", None)  # the loaded robot has them
+    locked_joints = asked.pop("lock", None)
+    loaded_robot, _ = robot_of(robot, actuators, locked_joints)
+    all_motions = expanded_paths(motions) if isinstance(motions, str | Path) else list(motions)
     check_motion = _MotionCheck(loaded_robot, options=asked).check
-    return checked_motions(loaded_robot.name, list(motions), check_motion, workers, scheduler, progress)
+    return checked_motions(loaded_robot.name, all_motions, check_motion, workers, scheduler, progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +270,7 @@ class _MotionCheck:
     options: CheckOptions
 
     def check(self, motion: Any) -> CheckedMotion:
-        """Verdict on one motion, still without its name."""
+        """Verdict on one motion; its ``file`` is empty, since the name is not sent."""
         return CheckedMotion.from_report("", check(self.robot, motion, **self.options))
 
 
@@ -302,14 +305,15 @@ def expanded_paths(motions: str | Path) -> list[str]:
     """
     text = str(motions)
     path = Path(motions)
-    has_wildcard = any(c in text for c in "*?[")
-    if has_wildcard and not path.exists():
+    has_wildcard = any(character in text for character in "*?[")
+    if has_wildcard and not path.exists():  # names of files may have brackets
         matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
         if not matches:
             raise ValueRangeError(f"no file matches {text!r}.")
         return matches
-    if path.is_dir() and format_of(path) is None:
-        files = [str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
+    if path.is_dir() and format_of(path) is None:  # a folder with a format is one motion
+        visible_entries = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
+        files = [str(entry) for entry in visible_entries if entry.is_file()]
         if not files:
             raise ValueRangeError(f"{text!r} is a folder without files.")
         return sorted(files)

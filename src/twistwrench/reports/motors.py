@@ -25,7 +25,7 @@ _MAX_POINTS = 4096
 SURE_LOAD = 3.0
 """Standard deviations of a load within which noise decides.
 
-The deviations are estimated from few draws; one load of a thousand is farther off.
+The deviations are estimated from few draws; one load of a thousand is farther from its estimate than this.
 """
 
 
@@ -51,14 +51,14 @@ class Demand:
     @property
     def over(self) -> bool:
         """True if the value exceeds its limit by more than round-off, and by more than noise explains."""
-        least = replace(self, value=self.value - SURE_LOAD * self.sigma)
-        return bool(over_limit(least.share))
+        lower_bound = replace(self, value=self.value - SURE_LOAD * self.sigma)
+        return bool(over_limit(lower_bound.share))
 
     @property
     def open(self) -> bool:
         """True if noise decides whether the limit is exceeded."""
-        greatest = replace(self, value=self.value + SURE_LOAD * self.sigma)
-        return not self.over and bool(over_limit(greatest.share))
+        upper_bound = replace(self, value=self.value + SURE_LOAD * self.sigma)
+        return not self.over and bool(over_limit(upper_bound.share))
 
     @property
     def share(self) -> float:
@@ -121,7 +121,7 @@ class MotorFigures(NamedTuple):
     peaks: dict[str, Extrema]
     """Largest magnitudes, by load: current, voltage, speed and power."""
     squares: Array
-    """Share of these rows in the time mean of the squared current [A²]."""
+    """Time mean of the squared current [A²], as a sum over these rows alone; sums of all parts of a motion add up."""
     points: Array
     """(points, motors, 3) times, speeds and torques of evenly spaced states."""
 
@@ -155,26 +155,26 @@ class MotorFigures(NamedTuple):
     def uses(self, model: Model) -> tuple[MotorUse, ...]:
         """Use of each motor in the order of the file."""
         uses = []
-        rms_current = np.sqrt(self.squares)
+        rms_currents = np.sqrt(self.squares)
         with_motor = [actuator for actuator in model.actuators.values() if actuator.motor is not None]
         for k, actuator in enumerate(with_motor):
             motor = actuator.motor
             assert motor is not None
-            rms = float(rms_current[k])
-            # value and time of each load; "peak current" and "current" have ratings of different names
-            loads = {
+            rms_current = float(rms_currents[k])
+            # two names of the peak current, since different ratings bound them
+            loads = {  # value and time of each load
                 "peak current": self._peak("current", k),
-                "rms current": (rms, math.nan),
+                "rms current": (rms_current, math.nan),
                 "current": self._peak("current", k),
                 "voltage": self._peak("voltage", k),
                 "speed": self._peak("speed", k),
                 "power": self._peak("power", k),
             }
             demands = _demands(motor, loads)
-            power, _ = loads["power"]
-            heat = motor.resistance * rms**2
+            peak_power, _ = loads["power"]
+            heat = motor.resistance * rms_current**2
             time, speed, torque = self.points[:, k].T
-            uses.append(MotorUse(actuator.joint, motor, demands, power, heat, time, speed, torque))
+            uses.append(MotorUse(actuator.joint, motor, demands, peak_power, heat, time, speed, torque))
         return tuple(uses)
 
     def _peak(self, name: str, k: int) -> tuple[float, float]:
@@ -187,11 +187,11 @@ def _demands(motor: Motor, loads: Mapping[str, tuple[float, float]]) -> tuple[De
     """Demands of the loads that a rating bounds; ``loads`` has the value and the time of each load, by name."""
     from ..formats.yaml import si_unit
 
-    rating_by_load = {rating.load: name for name, rating in RATINGS.items() if rating.load}  # names of ratings
+    rating_names = {rating.load: name for name, rating in RATINGS.items() if rating.load}  # by load
     demands = []
     for load, (value, time) in loads.items():
-        if load in rating_by_load:
-            rating_name = rating_by_load[load]
+        if load in rating_names:
+            rating_name = rating_names[load]
             limit = getattr(motor, rating_name)
             unit = si_unit(RATINGS[rating_name].kind)
             demands.append(Demand(load, value, limit, unit, time))
@@ -206,7 +206,7 @@ class Steps:
 
     def __init__(self, progress: Callable[[float], None] | None, weights: Sequence[float]) -> None:
         self._progress = progress
-        # shares of the work at the begin of each step to come, and at the end of the last one
+        # share of the work that is finished when each remaining step begins, and when the last one ends
         self._bounds = [sum(weights[:k]) / sum(weights) for k in range(len(weights) + 1)]
 
     def next(self, size: int | None = None) -> Callable[[float], None] | None:
@@ -228,7 +228,8 @@ class Steps:
         def report_portion(portion: float) -> None:
             nonlocal finished_size
             finished_size += portion
-            report_share(finished_size / size if size else 1.0)
+            share = finished_size / size if size else 1.0  # a step of size 0 is finished
+            report_share(share)
 
         return report_share if size is None else report_portion
 

@@ -123,7 +123,8 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
     if len(angular_rows) == 2:
         k = 3 - sum(angular_rows)  # axis of the free rotation: the rows 0, 1, 2 add up to 3
         i, j = (k + 1) % 3, (k + 2) % 3
-        sine_vector[i], sine_vector[j] = -R[j, k], R[i, k]  # e_k × R e_k
+        sine_vector[i] = -R[j, k]  # e_k × R e_k
+        sine_vector[j] = R[i, k]
         cosine = R[k, k]
     elif len(angular_rows) == 1:
         (k,) = angular_rows  # axis of the fixed rotation
@@ -134,11 +135,6 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
     return np.concatenate([half_sine_vector, p])[list(rows)]
 
 
-# A gap is zero if {b} coincides with {c} in the closure's rows. Near this state its rate equals the same rows of V_cb. Linear
-# rows of the gap are those of p. Three angular rows are those of log R. Two angular rows are the smallest rotation that takes
-# the third axis of {c} to the third axis of {b}, since the rotation about this axis is free. One angular row is the angle of a
-# planar motion.
-
 ITERATIONS = 100
 """Maximum number of Levenberg–Marquardt iterations. Convergence is quadratic near a solution; distant starts need more."""
 HALVINGS = 12
@@ -148,13 +144,20 @@ HALVINGS = 12
 def closure_gaps(constraints: Sequence[Constraint], T: Array) -> Array:
     """Gaps of the closures' rows [rad, m], from T_cb of each; (..., n, 4, 4) → (..., rows)."""
     closures = [constraint for constraint in constraints if isinstance(constraint, Closure)]
-    gaps = [_gap(closure.rows, T[..., n, :3, :3], T[..., n, :3, 3]) for n, closure in enumerate(closures)]
+    gaps = []
+    for n, closure in enumerate(closures):
+        R, p = T[..., n, :3, :3], T[..., n, :3, 3]
+        gaps.append(_gap(closure.rows, R, p))
     no_gaps = np.zeros((*T.shape[:-3], 0))  # shape of the result if there is no closure
     return np.concatenate([no_gaps, *gaps], axis=-1)
 
 
 def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
     """Gap of one closure with T_cb = (R, p), (..., 3, 3) and (..., 3), in its rows; accurate for any size."""
+    # A gap is zero if {b} coincides with {c} in the closure's rows. Near this state its rate equals the same rows of V_cb.
+    # Linear rows of the gap are the rows of p. Three angular rows are the rows of log R. Two angular rows are the smallest
+    # rotation that takes the third axis of {c} to the third axis of {b}, since the rotation about this axis is free. One angular
+    # row is the angle of a planar motion.
     angular_rows = sorted({0, 1, 2}.intersection(rows))
     if len(angular_rows) == 3:
         rotation_vector = so3.log(R)
@@ -162,10 +165,11 @@ def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
         free_axis = 3 - sum(angular_rows)  # the rows 0, 1, 2 add up to 3
         rotation_vector = _rotation_of_axis(R, free_axis)
     elif len(angular_rows) == 1:
-        (i,) = angular_rows
+        (i,) = angular_rows  # axis of the fixed rotation
         j, k = (i + 1) % 3, (i + 2) % 3
         rotation_vector = np.zeros_like(p)
-        double_sine, double_cosine = R[..., k, j] - R[..., j, k], R[..., j, j] + R[..., k, k]
+        double_sine = R[..., k, j] - R[..., j, k]
+        double_cosine = R[..., j, j] + R[..., k, k]
         rotation_vector[..., i] = np.arctan2(double_sine, double_cosine)
     else:
         rotation_vector = np.zeros_like(p)
@@ -174,14 +178,15 @@ def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
 
 def _rotation_of_axis(R: Array, k: int) -> Array:
     """Smallest rotation vector that takes axis k of {c} to axis k of {b}; if they are opposite, one of the rotations by π."""
-    axis_c, axis_b = np.eye(3)[k], R[..., :, k]
+    axis_c = np.eye(3)[k]
+    axis_b = R[..., :, k]
     sine_vector = np.cross(axis_c, axis_b)
     sine = np.linalg.norm(sine_vector, axis=-1)
     cosine = axis_b[..., k]
     angle = np.arctan2(sine, cosine)
     is_opposite = (sine < TOLERANCE) & (cosine < 0)
     angle_per_sine = np.divide(angle, sine, out=np.ones_like(sine), where=sine > TOLERANCE)
-    half_turn = np.pi * np.eye(3)[(k + 1) % 3]
+    half_turn = np.pi * np.eye(3)[(k + 1) % 3]  # any axis at right angles to axis k
     return np.where(is_opposite[..., None], half_turn, angle_per_sine[..., None] * sine_vector)
 
 
@@ -215,7 +220,8 @@ def close_loops(q: Array, problem: LoopProblem, tolerance: float) -> tuple[Array
     Levenberg–Marquardt steps, smallest in the kinetic metric, with the squared gap as damping parameter. Fan and Yuan,
     Computing 74, 2005: quadratic convergence also at singular solutions.
     """
-    q, gaps = q.copy(), problem.gaps(q)
+    q = q.copy()  # its rows are replaced below
+    gaps = problem.gaps(q)
     largest_gap = problem.largest_gaps(gaps)
     is_open = largest_gap > tolerance
     for _ in range(ITERATIONS):
@@ -225,9 +231,11 @@ def close_loops(q: Array, problem: LoopProblem, tolerance: float) -> tuple[Array
         A, M = problem.rows_and_mass(q[open_rows])
         damping = np.minimum(1.0, largest_gap[open_rows] ** 2)
         step = _damped_step(gaps[open_rows], A, M, problem.sizes, damping)
-        q[open_rows], gaps[open_rows], has_improved = _take_step(q[open_rows], gaps[open_rows], step, problem)
-        largest_gap[open_rows] = problem.largest_gaps(gaps[open_rows])
-        is_open[open_rows] = has_improved & (largest_gap[open_rows] > tolerance)
+        q_new, gaps_new, has_improved = _take_step(q[open_rows], gaps[open_rows], step, problem)
+        q[open_rows] = q_new
+        gaps[open_rows] = gaps_new
+        largest_gap[open_rows] = problem.largest_gaps(gaps_new)
+        is_open[open_rows] = has_improved & (largest_gap[open_rows] > tolerance)  # no shorter step helps: give up
     return q, largest_gap
 
 
@@ -236,17 +244,17 @@ def _take_step(q: Array, gaps: Array, step: Array, problem: LoopProblem) -> tupl
 
     The step of a configuration is halved until it reduces the gaps.
     """
-    length = np.ones(len(q))
+    step_factor = np.ones(len(q))
     old_norms = problem.gap_norms(gaps)
     for _ in range(HALVINGS):
-        q_new = problem.add(q, length[:, None] * step)
+        q_new = problem.add(q, step_factor[:, None] * step)
         gaps_new = problem.gaps(q_new)
         has_improved = problem.gap_norms(gaps_new) < old_norms
         if has_improved.all():
             break
-        length = np.where(has_improved, length, 0.5 * length)
-    mask = has_improved[:, None]  # for all columns
-    return np.where(mask, q_new, q), np.where(mask, gaps_new, gaps), has_improved
+        step_factor = np.where(has_improved, step_factor, 0.5 * step_factor)
+    takes_step = has_improved[:, None]
+    return np.where(takes_step, q_new, q), np.where(takes_step, gaps_new, gaps), has_improved
 
 
 def _damped_step(gaps: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:
