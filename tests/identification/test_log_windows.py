@@ -291,7 +291,7 @@ def test_what_is_read_of_a_log_follows_from_its_rows():
     rows = rows_of_window(source, slice(0, 1000), LogChecks(1000, (), np.zeros(0), np.zeros(0)))
     assert sorted({*range(1000)} - {*np.round(rows.time / 0.01).astype(int).tolist()}) == [500]
     many = checks_of(LogSource.from_log(robot, tw.Motion(t, glitched, tau=tau, robot=robot), "log", {}))
-    assert len(many.wrong) == 0
+    assert len(many.wrong_times) == 0
     assert [border_of(100.0, 5.0, 1000, cut=cut) for cut in (False, True)] == [20, 40]
     pieces = [
         SteadySamples(0.0, 10.0, np.zeros((70, 2)), np.zeros((70, 2))),

@@ -288,8 +288,8 @@ def test_tables_of_a_database_are_plain_tables(sandbox, name, messages, said, tm
 
 
 def test_a_query_out_of_proportion_ends(tmp_path, monkeypatch):
-    monkeypatch.setattr("twistwrench.motion.readers.recording_bounds._MAX_STEPS", 100_000)
-    monkeypatch.setattr("twistwrench.motion.readers.recording_bounds._MAX_STEPS_PER_BYTE", 0)
+    monkeypatch.setattr("twistwrench.motion.readers.recording_bounds._BASE_STEPS", 100_000)
+    monkeypatch.setattr("twistwrench.motion.readers.recording_bounds._STEPS_PER_BYTE", 0)
     many = f"insert into messages {ENDLESS} select k, 1, k, zeroblob(10) from r limit 100000"
     path = database(tmp_path / "log.db3", *TOPICS, f"create table messages({COLUMNS}, data blob)", many)
     assert "take more steps to read" in refused(path, sandbox=False, monkeypatch=monkeypatch)

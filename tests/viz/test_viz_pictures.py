@@ -104,7 +104,7 @@ def test_few_samples_are_poses_at_rest(bundled, rows):
 
 
 def test_a_long_motion_is_thinned_and_its_peaks_kept(bundled, monkeypatch):
-    monkeypatch.setattr(motion_module, "_MAX_STATES", 50)
+    monkeypatch.setattr(motion_module, "_MAX_STATES", 200)
     robot = bundled("ur5")
     q, dq, ddq = swing(robot)
     whole = robot.inverse_dynamics(q, dq, ddq, friction=True)
@@ -118,13 +118,15 @@ def test_a_long_motion_is_thinned_and_its_peaks_kept(bundled, monkeypatch):
 
 
 def test_a_file_in_many_chunks_is_thinned_and_keeps_evenly_spaced_states(demo, monkeypatch):
-    monkeypatch.setattr(motion_module, "_MAX_STATES", 50)
-    monkeypatch.setattr(motion_module, "_CHUNK", 150)
+    monkeypatch.setattr(motion_module, "_MAX_STATES", 200)
+    monkeypatch.setattr(motion_module, "_ROWS_PER_BATCH", 150)
     again = read_motion(
         demo.load, MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), demo.load.robot.model)
     )
     assert 50 <= len(again.time) <= 200
-    assert set(demo.time[::16]) <= set(again.time)  # 751 states, of which 50 at most evenly spaced: every sixteenth
+    assert set(demo.time[::16]) <= set(
+        again.time
+    )  # 751 states, of which a quarter of 200 at most evenly spaced: every sixteenth
     np.testing.assert_allclose(again.peaks, demo.peaks)
     np.testing.assert_array_equal(np.abs(again.torques).max(axis=0), demo.peaks)
 

@@ -38,14 +38,22 @@ CANDIDATES = 2_000
 REFERENCE = 500
 """Number of random configurations over which the predicted error is averaged."""
 OFF_AXIS = 0.05
-"""Assumed distance of the target from the last axis [m] if the tip's frame lies on it, where it would not see the last zero."""
+"""Assumed distance of the target from the last axis [m] if the tip's frame lies on this axis.
+
+A target on the axis would not show the zero of the last joint.
+"""
 _MAX_DISTANCE_ON_AXIS = 0.01
 """Distance from the last axis [m] up to which the tip's frame lies on it."""
 FACING = np.cos(np.radians(60.0))
 """Cosine of the largest angle between the tip's z axis and the direction to a tracker."""
 SHARE = 0.1
 """Largest share of the file's error that may remain for OK."""
+_MIN_DISTANCE = 1e-6
+"""Smallest expected distance of a reading [m], so that its direction is defined."""
+_MAX_GAIN_OF_TIE = 1e-9
+"""Difference of log det M below which two readings are equally good."""
 _MAX_READINGS = 1_000
+"""Largest number of readings that can be planned."""
 _MILESTONES = (6, 8, 10, 12, 16, 20, 25, 30, 40, 60, 100, 200, 400)
 """Numbers of readings whose predicted error is listed."""
 
@@ -76,7 +84,7 @@ class MeasuringPoses(Answer):
     fit: CalibrationFit
     """Expected readings in the order of choice, linearised at the start."""
     counts: tuple[int, ...]
-    """Numbers of readings of :attr:`remaining`."""
+    """Numbers of readings for which :attr:`remaining` has the error."""
     remaining: Array
     """(len(counts),) predicted error [m] (rms) after so many readings."""
     by_file: float
@@ -176,15 +184,16 @@ class MeasuringPoses(Answer):
             The file cannot be written.
         """
         coordinates = Coordinates.from_model(self.robot.model)
-        names, factors = coordinates.headers(degrees=degrees), np.ones(len(coordinates.names))
+        header = coordinates.headers(degrees=degrees)
+        factors = np.ones(len(coordinates.names))
         if degrees:
             factors[coordinates.angular] = np.degrees(1.0)
         is_of_pairs = self.kind == "pair"
         if is_of_pairs:
-            names = [*names, "pair"]
-        with csv_table(path, names) as table:
+            header = [*header, "pair"]
+        with csv_table(path, header) as table:
             for row, q in enumerate(self.q * factors):
-                partner = row ^ 1  # 0 and 1, 2 and 3, ...
+                partner = row ^ 1  # rows 0 and 1 are a pair, 2 and 3, ...
                 table.row([*q, partner] if is_of_pairs else q)
         return Path(path)
 
@@ -256,7 +265,7 @@ def measuring_poses(
     accuracy = length_and_angle(file_accuracy, "file_accuracy")
     arm = robot if isinstance(robot, Robot) else load(robot)
     chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
-    goal = None
+    goal = None  # place of the tracker, or fixed end of distances
     if towards is not None:
         goal = arguments.finite(arguments.one(towards, "towards", 3), "towards")
     if kind == "distance" and goal is None:
@@ -270,7 +279,7 @@ def measuring_poses(
         existing_fit = CalibrationProblem(chain, (existing_readings,)).solve()
     corrections, is_off_axis = _start(chain, existing_fit)
     capsules = _capsules(arm, clear=clear, floor=floor)
-    tracker = goal if kind != "distance" else None  # the fixed end of distances need not be seen
+    tracker = goal if kind != "distance" else None  # the tip need not point to the fixed end of distances
     q = _clear_configurations(chain, corrections, capsules, tracker, seed)
     design = _Design(chain, corrections, existing_fit, (length, angle), accuracy)
     candidates = _expected_readings(chain, corrections, q, kind, goal)
@@ -279,11 +288,10 @@ def measuring_poses(
             f"only {candidates.count} of {CANDIDATES:,} random configurations are clear"
             f"{'' if goal is None else ' and point there'}. Ask for fewer, or lower the floor."
         )
-    chosen = design.choose(candidates, reading_count, goal)
+    chosen_indices = design.choose(candidates, reading_count, goal)
     reference = arm.random_configuration(seed + 1, REFERENCE)
     counts = (*(n for n in _MILESTONES if n < reading_count), reading_count)
-
-    fits = [design.fit(candidates.taken(chosen[:n]), goal) for n in counts]  # of the first n chosen readings
+    fits = [design.fit(candidates.taken(chosen_indices[:n]), goal) for n in counts]  # of the first n chosen readings
     remaining = np.array([Remaining(fit, reference, design.accuracy).rms for fit in fits])
     fit = fits[-1]
     ordered_q = _in_order_of_moves(fit.problem.measured[-1])
@@ -294,7 +302,7 @@ def measuring_poses(
 def _start(chain: TipChain, existing: CalibrationFit | None) -> tuple[Corrections, bool]:
     """Corrections at which readings are linearised, and True if the target was moved off the last axis.
 
-    They are those of existing readings; without readings, zero with the target off the last axis.
+    The corrections are those of the fit of existing readings. Without readings they are zero, with the target off the axis.
     """
     if existing is not None:
         return existing.state.corrections, False
@@ -303,12 +311,13 @@ def _start(chain: TipChain, existing: CalibrationFit | None) -> tuple[Correction
     if not chain.turning[-1]:
         return start, False
     axis = screw[:3]
-    point = np.cross(axis, screw[3:])  # of the axis, nearest to the joint's frame
+    point = np.cross(axis, screw[3:])  # point of the axis nearest to the joint's frame
     difference = start.tip[:3, 3] - point
     distance = np.linalg.norm(difference - axis * (axis @ difference))
     if distance > _MAX_DISTANCE_ON_AXIS:
         return start, False
-    normal = np.linalg.svd(axis[None])[2][1]  # a unit vector perpendicular to the axis
+    _, _, directions = np.linalg.svd(axis[None])  # the axis, and two unit vectors perpendicular to it
+    normal = directions[1]
     shift = np.eye(4)
     shift[:3, 3] = OFF_AXIS * (start.tip[:3, :3].T @ normal)
     return replace(start, tip=start.tip @ shift), True
@@ -327,12 +336,15 @@ def _capsules(robot: Robot, *, clear: bool, floor: float | None) -> CapsuleDista
 def _clear_configurations(
     chain: TipChain, at: Corrections, capsules: CapsuleDistances | None, goal: Array | None, seed: int
 ) -> Array:
-    """Random configurations (n, nq) that keep distances and whose tip points to the goal; other joints stay neutral."""
+    """Random configurations (n, nq) that keep distances and in which the tip points to the goal.
+
+    ``at`` are the corrections of the chain. Joints beside the chain stay neutral.
+    """
     robot = chain.robot
     q = robot.random_configuration(seed, CANDIDATES)
-    is_other = np.ones(robot.nq, bool)
-    is_other[chain.columns] = False
-    q[:, is_other] = robot.neutral[is_other]
+    is_beside_chain = np.ones(robot.nq, bool)
+    is_beside_chain[chain.columns] = False
+    q[:, is_beside_chain] = robot.neutral[is_beside_chain]
     is_suitable = np.ones(len(q), bool)
     if capsules is not None:
         distances, _ = capsules.evaluate(q)
@@ -342,8 +354,8 @@ def _clear_configurations(
     if goal is not None:
         T = chain.tips(q, at)
         direction = goal - T[:, :3, 3]
-        # d'z ≥ cos 60° |d|
-        is_suitable &= (direction * T[:, :3, 2]).sum(axis=1) >= FACING * np.linalg.norm(direction, axis=1)
+        distance_along_z = (direction * T[:, :3, 2]).sum(axis=1)
+        is_suitable &= distance_along_z >= FACING * np.linalg.norm(direction, axis=1)
     return np.asarray(q[is_suitable])
 
 
@@ -356,7 +368,7 @@ def _expected_readings(chain: TipChain, at: Corrections, q: Array, kind: str, go
     if kind == "position":
         return Measurements(q, positions=p)
     if kind == "distance":
-        return Measurements(q, distances=np.maximum(np.linalg.norm(p - goal, axis=1), 1e-6))
+        return Measurements(q, distances=np.maximum(np.linalg.norm(p - goal, axis=1), _MIN_DISTANCE))
     pairs = np.arange(len(q) // 2 * 2).reshape(-1, 2)  # successive configurations
     distances = np.linalg.norm(p[pairs[:, 0]] - p[pairs[:, 1]], axis=1)
     is_measurable = distances > OFF_AXIS
@@ -406,27 +418,30 @@ class _Design:
         Parameters are in units of the file's accuracy, so that the file adds the unit matrix to M.
         """
         fit = self.fit(candidates, goal)
-        wide = Remaining(fit, candidates.q[:1], self.accuracy).wide
-        A = fit.equations.design[-1] * fit.weights[-1][..., None] * wide
+        wide = Remaining(fit, candidates.q[:1], self.accuracy).wide  # deviations of the parameters by the file
+        *existing_designs, design = fit.equations.design
+        *existing_weights, weights = fit.weights
+        A = design * weights[..., None] * wide
         M = np.eye(len(wide))
-        for D, W in zip(fit.equations.design[:-1], fit.weights[:-1], strict=True):
+        for D, W in zip(existing_designs, existing_weights, strict=True):
             rows = (D * W[..., None]).reshape(-1, len(wide)) * wide
             M += rows.T @ rows
         C = np.linalg.inv(M)
-        chosen = list[int]()
+        chosen_indices = list[int]()
         unit = np.eye(A.shape[1])
         for _ in range(count):
             _, gain = np.linalg.slogdet(unit + A @ C @ np.swapaxes(A, 1, 2))  # log det(1 + A M⁻¹ A')
-            gain[chosen] = -np.inf
-            best = int(np.flatnonzero(gain > gain.max() - 1e-9)[0])  # a tie: the first, on every machine
-            chosen.append(best)
+            gain[chosen_indices] = -np.inf
+            equally_good = np.flatnonzero(gain > gain.max() - _MAX_GAIN_OF_TIE)
+            best = int(equally_good[0])  # the same on every machine
+            chosen_indices.append(best)
             X = A[best] @ C
             C = C - X.T @ np.linalg.solve(unit + X @ A[best].T, X)  # (M + A'A)⁻¹
-        return np.array(chosen)
+        return np.array(chosen_indices)
 
 
 def _in_order_of_moves(planned: Measurements) -> Array:
-    """Configurations (n, nq) of the readings, each followed by the nearest remaining one; those of a pair stay together."""
+    """Configurations (n, nq) of the readings, each followed by the nearest remaining one; pairs stay together."""
     blocks = planned.q[:, None]  # (readings, 1 or 2, nq)
     if planned.pairs is not None:
         blocks = planned.q[planned.pairs]

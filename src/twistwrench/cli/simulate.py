@@ -143,23 +143,24 @@ def simulate_command(
     load = LoadCase(robot.load(), parsed_payloads, parse_wrenches(wrenches), friction=not no_friction)
     if load.contradictions:
         return RefusedSimulation(load.robot.name, tuple(load.contradictions))
-    loaded = load.with_load
+    loaded_robot = load.with_load
     degrees = robot.degrees
-    q0 = configuration_of(loaded, at, degrees=degrees)
-    dq0 = parse_rates(loaded, velocity, "--velocity", degrees=degrees)
-    tau = parse_rates(loaded, torque, "--torque", degrees=False) if torque else None
-    planes = _ground_planes(loaded, touch, ground, contact)
+    q0 = configuration_of(loaded_robot, at, degrees=degrees)
+    dq0 = parse_rates(loaded_robot, velocity, "--velocity", degrees=degrees)
+    tau = parse_rates(loaded_robot, torque, "--torque", degrees=False) if torque else None
+    ground_planes = _ground_planes(loaded_robot, touch, ground, contact)
     hints = list(load.unit_hints)
-    hint_on_degrees = degrees_hint(loaded, q0)
+    hint_on_degrees = degrees_hint(loaded_robot, q0)
     if hint_on_degrees:
         hints.insert(0, hint_on_degrees)
+    counts_friction = load.friction and loaded_robot.model.friction.any
     interrupted = False
     result: Any
     try:
-        with noted_if_failed(hints), progress_bar(f"{loaded.name}: {asked.get('method', 'dopri5')}") as progress:
-            result = loaded.simulate(
-                q0, dq0, tau=tau, wrench_on_robot=load.wrenches or None, friction=load.friction and loaded.model.friction.any,
-                limits="stop" if stop_at_limits else None, contacts=planes, progress=progress, **asked,
+        with noted_if_failed(hints), progress_bar(f"{loaded_robot.name}: {asked.get('method', 'dopri5')}") as progress:
+            result = loaded_robot.simulate(
+                q0, dq0, tau=tau, wrench_on_robot=load.wrenches or None, friction=counts_friction,
+                limits="stop" if stop_at_limits else None, contacts=ground_planes, progress=progress, **asked,
             )  # fmt: skip
     except SimulationError as problem:
         if problem.result is None:  # nothing was simulated
@@ -172,7 +173,7 @@ def simulate_command(
         outputs.interrupt = interrupt
         if result is None:
             raise
-    path_clearance = clearance_along(loaded, [(result.times, result.q)], clearance, srdf)
+    path_clearance = clearance_along(loaded_robot, [(result.times, result.q)], clearance, srdf)
     return replace(
         result, friction=load.friction, degrees=degrees,
         remarks=(*result.remarks, *hints), clearance=path_clearance, interrupted=interrupted,
@@ -180,7 +181,7 @@ def simulate_command(
 
 
 def _ground_planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:
-    """Ground plane of each frame with contact points; empty without ground."""
+    """Ground plane of each frame with contact points, as contacts of a simulation; empty without ground."""
     if ground is None:
         if touch:
             raise ValueRangeError("--touch names points that the ground holds up, and there is none. Add --ground 0.")
@@ -197,7 +198,7 @@ def _ground_planes(robot: Robot, touch: tuple[str, ...], ground: float | None, c
     for text in touch or (robot.tip or "",):
         frame, colon, coordinates = text.partition(":")
         if not frame:  # the robot has no tip
-            robot.model.frame(None)  # raises with the names to choose from
+            robot.model.frame(None)  # only for its error, which lists the names
         point = [0.0, 0.0, 0.0]
         if colon:
             point = parse_numbers(coordinates, "--touch", "FRAME:x,y,z in metres, for example tool0:0,0,0.1", 3)

@@ -27,7 +27,7 @@ from .shared import DEGREES, LOG_READING, PLAN, ROBOT, LogOptions, RobotOptions,
 from .terminal import show_answer
 
 Asked: TypeAlias = dict[str, Any]
-"""Options that are given, by parameter of the function."""
+"""Values of the options on the command line, by parameter of the function."""
 A = TypeVar("A", bound=Answer)
 
 # ── Files of an answer
@@ -38,31 +38,35 @@ class OutputFile(Generic[A]):
     """File that a command writes: its option, and the method of the answer."""
 
     form: str
+    """Option and the name of its value, such as ``--csv OUT.csv``."""
     text: str
+    """Help of the option."""
     write: Callable[[A, str], object]
+    """Writes the file of an answer to a path."""
     complete: Callable[[str], str] = str
-    """Adds the ending to a name without one, and raises for another."""
+    """Path with the file's ending, added if the given path has none; raises for another ending."""
     is_data: bool = True
     """True if an existing file is replaced only with ``--overwrite``."""
     exists: Callable[[A], bool] = lambda _answer: True
-    """False for an answer without this file."""
+    """True for an answer that has this file."""
     missing: Callable[[A, str], str] = lambda _answer, _path: ""
-    """Note if the answer has no such file; empty without one."""
+    """Note for an answer without this file; empty if none is needed."""
     comment: Callable[[A], str] = lambda _answer: ""
     """Continuation of the line that names the written file."""
     keeps: Callable[[A], bool] = lambda _answer: False
     """True for an answer that does not replace an existing file."""
     require: Callable[[], object] = lambda: None
-    """Raises if a package for the file is not installed, before a long run."""
+    """Raises, before a long run, if a package for the file is not installed."""
 
     @property
     def flag(self) -> str:
         """Option of the file."""
-        return self.form.partition(" ")[0]
+        flag, _, _ = self.form.partition(" ")
+        return flag
 
     @property
     def name(self) -> str:
-        """Parameter of the option."""
+        """Name of the option's value among the values of the command line."""
         return f"file_{self.flag[2:].replace('-', '_')}"
 
     @property
@@ -117,9 +121,13 @@ class Outputs(Generic[A]):
     """Output files of a command, and the inputs that they must not replace."""
 
     files: Mapping[OutputFile[A], str]
+    """Path of each file; "-" prints the file in place of the report."""
     report: str | None
+    """Path of the HTML page; None without ``--report``."""
     full_paths: bool
+    """True if the page shows full paths."""
     inputs: Mapping[str, str | Path | None]
+    """Input files, by argument."""
     interrupt: KeyboardInterrupt | None = None
     """Ctrl-C during the work, raised again after the answer so far is written."""
 
@@ -132,11 +140,12 @@ class Outputs(Generic[A]):
             check_matplotlib()
         for file in self.files:
             file.require()
-        named = {file.flag: path for file, path in self.files.items() if path != "-"}
-        if self.report is not None:
-            named["--report"] = self.report
         also = also or {}
-        check_outputs({**also, **named}, self.inputs)
+        paths = dict(also)
+        paths |= {file.flag: path for file, path in self.files.items() if path != "-"}
+        if self.report is not None:
+            paths["--report"] = self.report
+        check_outputs(paths, self.inputs)
         for path in also.values():
             refuse_existing(path, overwrite=overwrite)
         for file, path in self.files.items():
@@ -145,7 +154,7 @@ class Outputs(Generic[A]):
 
     @cached_property
     def printed(self) -> OutputFile[A] | None:
-        """File that is printed in place of the report."""
+        """File that is printed in place of the report; None without one."""
         to_print = [file for file, path in self.files.items() if path == "-"]
         if not to_print:
             return None
@@ -155,7 +164,7 @@ class Outputs(Generic[A]):
         return to_print[0]
 
     def written_by(self, flag: str, write: Callable[[A, str], object]) -> None:
-        """Write the file of an option by another method."""
+        """Replace the method that writes the file of an option."""
         files = {}
         for file, path in self.files.items():
             if file.flag == flag:
@@ -168,28 +177,37 @@ class Outputs(Generic[A]):
         self.files = {file: path for file, path in self.files.items() if file.flag in flags}
 
     def add(self, file: OutputFile[A], path: str) -> None:
-        """Write a file that no option names."""
+        """Add a file that no option names."""
         self.files = {**self.files, file: path}
 
     @property
     def flags(self) -> list[str]:
-        """Options of the files."""
-        return [file.flag for file in self.files] + ["--report"] * (self.report is not None)
+        """Options of the files, with ``--report``."""
+        flags = [file.flag for file in self.files]
+        if self.report is not None:
+            flags.append("--report")
+        return flags
 
     def path_of(self, flag: str) -> str:
         """Path that was given for an option; empty without it."""
-        return next((path for file, path in self.files.items() if file.flag == flag), "")
+        for file, path in self.files.items():
+            if file.flag == flag:
+                return path
+        return ""
 
     def write(self, answer: A) -> None:
         """Write the files, and print a line for each."""
         for file, path in self.files.items():
-            if path != "-" and file.keeps(answer) and Path(path).is_file():
+            if path == "-":
+                continue
+            if file.keeps(answer) and Path(path).is_file():
                 note(f"{path} is kept as it was: the motion is not complete. Name another file for it.")
-            elif path != "-" and file.exists(answer):
+            elif file.exists(answer):
                 file.write(answer, path)
                 show_written(f"{path}{file.comment(answer)}", to_error=self.printed is not None)
-            elif path != "-":
-                for reason in filter(None, [file.missing(answer, path)]):
+            else:
+                reason = file.missing(answer, path)
+                if reason:
                     note(reason)
 
     def print(self, answer: A) -> None:
@@ -199,18 +217,18 @@ class Outputs(Generic[A]):
             path = Path(folder, f"out.{self.printed.flag[2:]}")
             self.printed.write(answer, str(path))
             with path.open(encoding="utf-8", newline="") as text:
-                while portion := text.read(_PORTION):
+                while portion := text.read(_CHARACTERS_PER_READ):
                     click.echo(portion, nl=False)
 
 
-_PORTION = 1 << 16
+_CHARACTERS_PER_READ = 1 << 16
 
 
 # ── The command
 
 
 def of_robot(function: Callable[..., A]) -> Callable[[RobotOptions, Asked], A]:
-    """Body of a command whose function takes the robot and the options, and nothing else."""
+    """Body of a command that only calls ``function`` with the robot and the options."""
 
     def body(robot: RobotOptions, asked: Asked) -> A:
         return function(robot.load(), **asked)
@@ -236,13 +254,15 @@ def command_of(
     kinds: Mapping[str, Kind] = MappingProxyType({}),
     reads: Callable[..., Mapping[str, str | Path | None]] | None = None,
 ) -> Callable[[Callable[..., Answer]], click.Command]:
-    """Command whose options are the parameters of a function of the library, from a body that calls it.
+    """Decorator that makes a command of a body; the options are the parameters of a ``function`` that the body calls.
 
-    The body takes those of these arguments that it names: ``robot``, its options, unless the function reads the file itself;
-    ``log``, the motion's; ``outputs``; options by their names; and ``asked``, all other options that are given, by parameter.
-    Parameters that are ``left_out`` are functions, or spelled by ``own`` options; ``spellings``, and ``kinds`` by
-    annotation, are of this command alone. Parameters of the functions of ``also`` are options too. ``reads`` names the files
-    of arguments that the body reads itself, from options by their names. The ``summary`` stands in the list of a group.
+    The body may name these arguments: ``robot`` and ``log`` (options of the robot and of the motion), ``outputs``, any option
+    by its name, and ``asked``, which has the values of all options that the body does not name, by parameter.
+
+    ``own`` are options beside those of the function, and ``also`` has further functions whose parameters become options.
+    Parameters in ``left_out`` get no option. ``spellings``, and ``kinds`` by annotation, apply to this command alone.
+    ``reads`` returns the input files that the body reads itself; its arguments are options by their names.
+    The ``summary`` stands in the list of a group.
     """
 
     def decorate(body: Callable[..., Any]) -> click.Command:
@@ -251,28 +271,33 @@ def command_of(
             questions, body, (*files, _JSON), report, own, reads, with_robot=with_robot, needs_motion=needs_motion
         )
 
-        def run(**given: Any) -> None:
+        def run(**options: Any) -> None:
             with plain_errors():
-                sys.exit(call.answer(given))
+                sys.exit(call.answer(options))
 
         run.__doc__ = description or body.__doc__
         declare = click.command(name, cls=GroupedHelp, epilog=examples_text(*examples), short_help=summary or None)
-        made: click.Command = declare(option_group(*call.declarations())(run))
-        named = {*call.wanted, *_names(reads)}
+        with_options = option_group(*call.declarations())
+        command: click.Command = declare(with_options(run))
         if with_robot and not needs_robot:
-            made.params[0].required, made.params[0].metavar = False, "[ROBOT]"
-        missing = named - {str(param.name) for param in made.params} - set(_OFFERED)
-        assert not missing, f"{name}: {missing}"
-        return made
+            robot_argument = command.params[0]
+            robot_argument.required = False
+            robot_argument.metavar = "[ROBOT]"
+        argument_names = {*call.body_arguments, *_argument_names(reads)}
+        option_names = {str(param.name) for param in command.params}
+        unknown_names = argument_names - option_names - _ARGUMENTS_OF_EVERY_BODY
+        assert not unknown_names, f"{name}: {unknown_names}"
+        return command
 
     return decorate
 
 
-_OFFERED = ("asked", "robot", "log", "outputs")
+_ARGUMENTS_OF_EVERY_BODY = {"asked", "robot", "log", "outputs"}
+"""Arguments of a body that are not options."""
 
 
-def _names(function: Callable[..., Any] | None) -> list[str]:
-    """Names of a function's arguments."""
+def _argument_names(function: Callable[..., Any] | None) -> list[str]:
+    """Names of a function's arguments; empty for None."""
     if function is None:
         return []
     return list(inspect.signature(function).parameters)
@@ -292,17 +317,17 @@ class Call(Generic[A]):
     needs_motion: bool
 
     @cached_property
-    def wanted(self) -> Sequence[str]:
+    def body_arguments(self) -> Sequence[str]:
         """Names of the arguments of the body."""
-        return _names(self.body)
+        return _argument_names(self.body)
 
     @property
     def with_log(self) -> bool:
         """True if the command reads the file of a motion."""
-        return self._asks("motion", "columns")
+        return self._has_parameters("motion", "columns")
 
-    def _asks(self, *parameters: str) -> bool:
-        """True if a function has these parameters."""
+    def _has_parameters(self, *parameters: str) -> bool:
+        """True if one of the functions has all these parameters."""
         return any(question.parameters.keys() >= {*parameters} for question in self.questions)
 
     def declarations(self) -> Iterator[Decorator]:
@@ -317,55 +342,60 @@ class Call(Generic[A]):
         yield from (file.option for file in self.files)
         if self.report:
             yield from (_REPORT, _FULL_PATHS)
-        if self._asks("degrees"):
+        if self._has_parameters("degrees"):
             yield DEGREES
         yield from (OVERWRITE, ALL)
 
-    def answer(self, given: Mapping[str, Any]) -> int:
-        """Answer the question, print the report, write the files; returns the exit code."""
-        robot = RobotOptions.of(given) if self.with_robot and given["source"] is not None else None
-        log = LogOptions.of(given) if self.with_log else None
+    def answer(self, options: Mapping[str, Any]) -> int:
+        """Answer the question, print the report, write the files; returns the exit code.
+
+        ``options`` has the values of all options and arguments, also defaults, by their names.
+        """
+        robot: RobotOptions | None = None
+        if self.with_robot and options["source"] is not None:
+            robot = RobotOptions.of(options)
+        log = LogOptions.of(options) if self.with_log else None
         values: dict[str, Any] = {}
         inputs: dict[str, str | Path | None] = {}
         if self.reads is not None:
-            inputs |= self.reads(**{each: given[each] for each in _names(self.reads)})
+            inputs |= self.reads(**{name: options[name] for name in _argument_names(self.reads)})
         for question in self.questions:
-            own = question.values(given)
-            values |= own
-            inputs |= question.files(own)
+            question_values = question.values(options)
+            values |= question_values
+            inputs |= question.files(question_values)
         if robot is not None:
             inputs |= robot.files
             if log is not None and log.trajectory is not None:
-                inputs = {"MOTION": log.path(robot), **inputs}
-        if self._asks("degrees") and given["degrees"]:
+                inputs = {"MOTION": log.path(robot), **inputs}  # the motion is listed first
+        if self._has_parameters("degrees") and options["degrees"]:
             values["degrees"] = True
-        outputs = self._outputs(given, inputs)
-        asked = {name: value for name, value in values.items() if name not in self.wanted}
+        outputs = self._outputs(options, inputs)
+        asked = {name: value for name, value in values.items() if name not in self.body_arguments}
         defaults: dict[str, Any] = {}
         for question in self.questions:
             defaults |= question.defaults
-        arguments = {**given, **defaults, **values, "asked": asked, "robot": robot, "log": log, "outputs": outputs}
-        found = self.body(**{each: arguments[each] for each in self.wanted})
-        self._show(found, outputs)
+        arguments = {**options, **defaults, **values, "asked": asked, "robot": robot, "log": log, "outputs": outputs}
+        answer = self.body(**{name: arguments[name] for name in self.body_arguments})
+        self._show(answer, outputs)
         if outputs.interrupt is not None:
             raise outputs.interrupt
-        return found.verdict.exit_code
+        return answer.verdict.exit_code
 
-    def _outputs(self, given: Mapping[str, Any], inputs: Mapping[str, str | Path | None]) -> Outputs[A]:
+    def _outputs(self, options: Mapping[str, Any], inputs: Mapping[str, str | Path | None]) -> Outputs[A]:
         """Output files; raises if one cannot be written."""
-        chosen = {file: file.complete(given[file.name]) for file in self.files if given[file.name] is not None}
-        outputs = Outputs(chosen, given.get("file_report"), bool(given.get("full_paths")), inputs)
-        outputs.check(overwrite=given["overwrite"])
+        paths = {file: file.complete(options[file.name]) for file in self.files if options[file.name] is not None}
+        outputs = Outputs(paths, options.get("file_report"), bool(options.get("full_paths")), inputs)
+        outputs.check(overwrite=options["overwrite"])
         return outputs
 
-    def _show(self, found: A, outputs: Outputs[A]) -> None:
-        """Print the report, or the file in its place, and write the files."""
-        prints_file = outputs.printed is not None and outputs.printed.exists(found)
+    def _show(self, answer: A, outputs: Outputs[A]) -> None:
+        """Print the report or the file that replaces it, and write the files."""
+        prints_file = outputs.printed is not None and outputs.printed.exists(answer)
         if not prints_file:
-            show_answer(found)
-        outputs.write(found)
+            show_answer(answer)
+        outputs.write(answer)
         if outputs.report is not None:
-            answer_report(found, outputs.report, outputs.inputs, full_paths=outputs.full_paths)
+            answer_report(answer, outputs.report, outputs.inputs, full_paths=outputs.full_paths)
             show_written(outputs.report, to_error=prints_file)
         if prints_file:
-            outputs.print(found)
+            outputs.print(answer)

@@ -27,10 +27,10 @@ def show(*blocks: Block) -> None:
     context = click.get_current_context(silent=True)
     whole_report = context is None or bool(context.params.get("whole_report", True))
     if whole_report:
-        shown = shown_blocks(blocks, every=True, hint="--all")
+        blocks_to_print = shown_blocks(blocks, every=True, hint="--all")
     else:
-        shown = short_form(blocks, "--all")
-    for block in shown:
+        blocks_to_print = short_form(blocks, "--all")
+    for block in blocks_to_print:
         output.print(renderable(block, output))
 
 
@@ -68,7 +68,7 @@ def frame_progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
         return
     with _progress_display() as bar:
         task = bar.add_task(visible(what), total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        yield lambda finished_frames, all_frames: bar.update(task, completed=finished_frames, total=all_frames)
 
 
 @contextmanager

@@ -73,7 +73,7 @@ class Impedance(TaskLaw):
         wrench = arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6)
         external_torques = self.robot.wrench_torques(q, wrench, self.frame)
         external_acceleration = np.linalg.solve(self.robot.mass_matrix(q), external_torques)  # M⁻¹ τ_ext
-        F = task.Lambda @ task.J @ external_acceleration  # exact if all rows are selected, or the others are zero
+        F = task.Lambda @ task.J @ external_acceleration  # exact if all rows are selected, or other rows are zero
         desired_acceleration = task.feedforward + self._inverse_mass @ (spring_and_damper + F)
         return self._torques(t, q, dq, task, task.Lambda @ desired_acceleration - F)
 

@@ -27,6 +27,7 @@ Measured = Callable[[float, Array, Array], ArrayLike]
 Motion = Callable[[float], tuple[Array, Array, Array]]
 """Position, velocity and acceleration from the time [s]."""
 Reference = ArrayLike | Callable[[float], Any]
+"""Constant configuration or pose, or a function of the time [s]."""
 Timing = Callable[[ArrayLike], tuple[Array, Array, Array]]
 """Time scaling along a path: s, ds/dt and d²s/dt² at t [s]."""
 
@@ -59,16 +60,19 @@ class PoseMotion:
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """T (4, 4), the body twist V (6,) and dV/dt (6,) at t [s]."""
-        s, ds, dds = (float(value) for value in _motion_values(self.scaling, "PoseMotion: the scaling", t))
-        V = self.path.body_twist(s)  # of dT/ds; dV is its derivative by s
-        dV = np.zeros(6)
+        s, ds, dds = map(float, _motion_values(self.scaling, "PoseMotion: the scaling", t))
+        V_per_s = self.path.body_twist(s)  # body twist for ds/dt = 1
+        dV_per_s = np.zeros(6)  # derivative of V_per_s by s
         if self.path.straight:
-            dV[3:] = -so3.cross(V[:3], V[3:])  # rate of R in v = R'(p1 - p0)
-        return self.path(s), V * ds, V * dds + dV * ds * ds
+            dV_per_s[3:] = -so3.cross(V_per_s[:3], V_per_s[3:])  # R turns in v = R'(p1 - p0)
+        return self.path(s), V_per_s * ds, V_per_s * dds + dV_per_s * ds * ds
 
 
 def joint_motion(robot: Robot, reference: Reference, what: str) -> Motion:
-    """q_d (nq,), dq_d and ddq_d (nv,) at a time, from q_d or a function of time that returns all three."""
+    """Function of the time that returns q_d (nq,), dq_d and ddq_d (nv,).
+
+    ``reference`` is a constant q_d, or a function of the time that returns all three; ``what`` names it in errors.
+    """
     source: Any = reference
     if not callable(reference):
         source = getattr(reference, "motion", reference)  # a simulation's result has a motion
@@ -79,23 +83,24 @@ def joint_motion(robot: Robot, reference: Reference, what: str) -> Motion:
         zero = np.zeros(robot.nv)
         return lambda _t: (q, zero, zero)
     _require_one_argument(source, what)
+    rate_names = robot.model.velocity_names
 
     def motion(t: float) -> tuple[Array, Array, Array]:
         q, dq, ddq = _motion_values(source, what, t)
-        label, rate_names = f"{what} at t = {printed(t)} s", robot.model.velocity_names
+        label = f"{what} at t = {printed(t)} s"
         q = arguments.one(q, f"q of {label}", robot.nq, names=robot.coordinate_names)
         dq = arguments.one(dq, f"dq of {label}", robot.nv, names=rate_names)
         ddq = arguments.one(ddq, f"ddq of {label}", robot.nv, names=rate_names)
         return q, dq, ddq
 
-    motion(0.0)
+    motion(0.0)  # raises now if the function returns other values
     return motion
 
 
 def pose_motion(robot: Robot, reference: Reference, frame: str | None, what: str) -> Motion:
-    """T_d (4, 4), its body twist V_d and dV_d/dt (6,) at a time.
+    """Function of the time that returns T_d (4, 4), its body twist V_d (6,) and dV_d/dt (6,).
 
-    From a pose, a function of time that returns all three, or a joint motion, which gives the motion of the frame.
+    ``reference`` is a constant pose, a function of the time that returns all three, or a joint motion.
     """
     controlled_frame = robot.tip if frame is None else frame
     if isinstance(reference, Pose) and reference.of != controlled_frame:
@@ -116,25 +121,34 @@ def pose_motion(robot: Robot, reference: Reference, frame: str | None, what: str
         zero = np.zeros(6)
         return lambda _t: (T, zero, zero)
     _require_one_argument(reference, what)
-    start_position = _motion_values(reference, what, 0.0)[0]
+    start_position, _, _ = _motion_values(reference, what, 0.0)
     if np.ndim(start_position) == 1:  # q, not a pose
         motion_of_joints = joint_motion(robot, reference, what)
 
         def motion_of_frame(t: float) -> tuple[Array, Array, Array]:
             q, dq, ddq = motion_of_joints(t)
-            V, dV = robot.frame_velocity(q, dq, frame), robot.frame_acceleration(q, dq, ddq, frame)
-            return robot.forward_kinematics(q, frame), V, dV
+            T = robot.forward_kinematics(q, frame)
+            V = robot.frame_velocity(q, dq, frame)
+            dV = robot.frame_acceleration(q, dq, ddq, frame)
+            return T, V, dV
 
         return motion_of_frame
 
     def motion(t: float) -> tuple[Array, Array, Array]:
         T, V, dV = _motion_values(reference, what, t)
         label = f"{what} at t = {printed(t)} s"
-        pose = arguments.pose(arguments.one(T, f"T of {label}", 4, 4), f"T of {label}")
-        return pose, arguments.one(V, f"V of {label}", 6), arguments.one(dV, f"dV of {label}", 6)
+        T = arguments.one(T, f"T of {label}", 4, 4)
+        T = arguments.pose(T, f"T of {label}")
+        V = arguments.one(V, f"V of {label}", 6)
+        dV = arguments.one(dV, f"dV of {label}", 6)
+        return T, V, dV
 
-    motion(0.0)
+    motion(0.0)  # raises now if the function returns other values
     return motion
+
+
+_MAX_CHARACTERS = 60
+"""Characters of a value that a message repeats."""
 
 
 def _motion_values(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, Any, Any]:
@@ -142,19 +156,20 @@ def _motion_values(function: Callable[[float], Any], what: str, t: Any) -> tuple
     t = arguments.number(t, "t")
     values = function(t)
     if not isinstance(values, tuple | list) or len(values) != 3:
-        values_text = repr(values)[:60]
+        values_text = repr(values)[:_MAX_CHARACTERS]
         if isinstance(values, np.ndarray):
             values_text = f"an array of shape {np.shape(values)}"
         raise ShapeError(
             f"{what} gave {values_text} at t = {printed(t)} s. A motion gives three: position, velocity, acceleration, as a "
             "Trajectory does; for a pose (T, V, dV), twists of the body."
         )
-    return values[0], values[1], values[2]
+    position, velocity, acceleration = values
+    return position, velocity, acceleration
 
 
 def _require_one_argument(function: Any, what: str) -> None:
     """Raise ValueRangeError unless the function can be called with the time alone."""
-    if not callable(function) or isinstance(function, type):
+    if not callable(function) or isinstance(function, type):  # calling a class makes an object, not values
         raise ValueRangeError(f"{what} is {arguments.value_text(function)}, and must be a function of the time.")
     try:
         parameters = signature(function)
@@ -175,12 +190,12 @@ _ROUNDING_SHARE = 1e-9
 
 
 def require_driven(robot: object, what: str) -> Robot:
-    """Robot with a torque for every velocity; raises an error for others."""
+    """Return the robot; raises an error unless it has a torque for every velocity."""
     checked = require_robot(robot, what)
-    names = multi_dof_joints(checked.model)
-    if names:
+    undriven_joints = multi_dof_joints(checked.model)
+    if undriven_joints:
         raise ValueRangeError(
-            f"{what} needs a torque for every velocity, and {', '.join(names)} of robot {checked.name!r} is not a joint of "
+            f"{what} needs a torque for every velocity, and {', '.join(undriven_joints)} of robot {checked.name!r} is not a joint of "
             "one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
         )
     return checked
@@ -193,14 +208,20 @@ def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Arr
 
 
 def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = False) -> Array:
-    """Gain as a positive matrix (n, n), n the number of names; from a scalar, a vector (n,) or a matrix."""
-    n, values = len(names), arguments.finite(K, what, names=names)
+    """Gain as a symmetric matrix (n, n), n the number of names, from a scalar, a vector (n,) or a matrix.
+
+    Its eigenvalues may not be negative, and not zero if it must be ``definite``.
+    """
+    n = len(names)
+    values = arguments.finite(K, what, names=names)
     if values.shape not in ((), (n,), (n, n)):
         raise ShapeError(
             f"{what} has shape {values.shape}: give one number, {n} of them (for {', '.join(names)}), or a symmetric "
             f"matrix ({n}, {n})."
         )
-    matrix = np.array(values if values.ndim == 2 else values * np.eye(n), float)
+    if values.ndim < 2:
+        values = values * np.eye(n)
+    matrix = np.array(values, float)
     rounding = _ROUNDING_SHARE * float(np.abs(matrix).max(initial=0.0))
     if np.abs(matrix - matrix.T).max(initial=0.0) > rounding:
         raise ValueRangeError(
@@ -208,10 +229,11 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
         )
     smallest_eigenvalue = float(np.linalg.eigvalsh(matrix).min(initial=np.inf))
     is_negative = smallest_eigenvalue < -rounding
-    if is_negative or (definite and not smallest_eigenvalue > 0.0):
-        wanted = "be above zero" if definite else "not be negative"
+    is_singular = not smallest_eigenvalue > 0.0  # true for nan, too
+    if is_negative or (definite and is_singular):
+        requirement = "be above zero" if definite else "not be negative"
         raise ValueRangeError(
-            f"{what} has the eigenvalue {printed(smallest_eigenvalue, 4)}, and must {wanted}: a gain holds back, never "
+            f"{what} has the eigenvalue {printed(smallest_eigenvalue, 4)}, and must {requirement}: a gain holds back, never "
             "pushes on."
         )
     matrix.setflags(write=False)
@@ -220,5 +242,8 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
 
 def set_gains(law: object, names: Sequence[str], *fields: str) -> None:
     """Store gains of a law as matrices, under their names with a leading underscore."""
-    for name in fields:
-        object.__setattr__(law, f"_{name}", gain(getattr(law, name), f"{type(law).__name__}: {name}", names))
+    for field in fields:
+        value = getattr(law, field)
+        label = f"{type(law).__name__}: {field}"
+        matrix = gain(value, label, names)
+        object.__setattr__(law, f"_{field}", matrix)  # the law is a frozen dataclass

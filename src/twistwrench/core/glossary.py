@@ -299,19 +299,19 @@ SECTIONS = (
 def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = "") -> str:
     """Complete the sections Parameters, Returns and Raises of a docstring, in the order of the signature.
 
-    ``names`` are the parameters, ``room`` is the package with wording of its own, and ``result`` the annotation of the result.
-    Docstrings without a section Returns, Yields or Examples stay unchanged.
+    ``names`` are the parameters of the function, ``room`` is a package with its own wording in :data:`ROOMS`, and ``result`` is
+    the annotation of the result. Docstrings without a section Returns, Yields or Examples stay unchanged.
     """
     wording = {**ENTRIES, **ROOMS.get(room, {})}
     if result not in RETURNS and not any(name in wording for name in names):
         return doc
     sections, indent = _sections(doc)
-    if not ("Returns" in sections or "Examples" in sections or "Yields" in sections):
+    if sections.keys().isdisjoint({"Returns", "Yields", "Examples"}):
         return doc
     own_entries = _entries(sections.get("Parameters", ()), indent)
     entry_of: dict[str, list[str]] = {}  # lines by name of the parameter
     for entry in own_entries:
-        names_in_entry = entry[0].partition(" : ")[0]  # as in "q0, q1 : (nq,) array_like"
+        names_in_entry, _, _ = entry[0].partition(" : ")  # as in "q0, q1 : (nq,) array_like"
         for name in names_in_entry.split(","):
             entry_of[name.strip()] = entry
     errors: dict[str, str] = {}
@@ -321,8 +321,8 @@ def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = 
             continue
         is_complete = False
         entry_of[name] = [f"{indent}{name} : {wording[name]}"]
-        has_general_wording = name not in ROOMS.get(room, {})
-        if name in ERRORS and has_general_wording:
+        has_own_wording = name in ROOMS.get(room, {})
+        if name in ERRORS and not has_own_wording:
             errors.update(ERRORS[name])
     lacks_result = "Returns" not in sections and "Yields" not in sections and result in RETURNS
     if is_complete and not lacks_result:
@@ -330,7 +330,8 @@ def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = 
     if lacks_result:
         sections["Returns"] = [indent + RETURNS[result]]
     ordered: list[list[str]] = []
-    for entry in [entry_of.get(name, []) for name in names] + own_entries:
+    entries_by_signature = [entry_of.get(name, []) for name in names]
+    for entry in entries_by_signature + own_entries:
         if entry and entry not in ordered:  # an entry with two names stands once
             ordered.append(entry)
     sections["Parameters"] = list(chain.from_iterable(ordered))
@@ -344,7 +345,7 @@ def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = 
 
 
 def _with_errors(raised: list[str], errors: Mapping[str, str], indent: str) -> list[str]:
-    """Lines of the section Raises, preceded by those of ``errors`` that it does not have yet; ``raised`` are its lines."""
+    """Lines ``raised`` of the section Raises, after lines on those ``errors`` (text by name) that it does not have yet."""
     own_names: set[str] = set()
     for entry in _entries(raised, indent):
         own_names.update(name.strip() for name in entry[0].split(","))
@@ -356,7 +357,7 @@ def _with_errors(raised: list[str], errors: Mapping[str, str], indent: str) -> l
 
 
 def room_of(folders: Sequence[str]) -> str:
-    """Deepest of a module's folders that has wording of its own in :data:`ROOMS`; empty if none has."""
+    """Deepest of a module's folders that has its own wording in :data:`ROOMS`; empty if none has."""
     return next((folder for folder in reversed(folders) if folder in ROOMS), "")
 
 
@@ -365,7 +366,7 @@ def complete(module: Mapping[str, Any]) -> None:
     module_name = module["__name__"]
     room = room_of(module["__package__"].split(".")[1:])
     for value in list(module.values()):
-        if getattr(value, "__module__", None) != module_name:  # an imported one
+        if getattr(value, "__module__", None) != module_name:  # imported from elsewhere
             continue
         members = [value, *vars(value).values()] if isinstance(value, type) else [value]
         for member in members:
@@ -386,11 +387,11 @@ def signature_names(function: Any) -> list[str]:
 
 
 def _sections(doc: str) -> tuple[dict[str, list[str]], str]:
-    """Lines of each section by title, and the indentation; the text before the first section has the empty title."""
+    """Lines of each section by title, and the indentation. The text before the first section has an empty title."""
     lines = doc.rstrip().split("\n")
     sections: dict[str, list[str]] = {}
     title = ""  # of the section that is being read
-    first_line = 0
+    first_line = 0  # index of the first line of this section
     indent = ""
     for k, line in enumerate(lines):
         heading = lines[k - 1].strip()
@@ -411,7 +412,7 @@ def _without_trailing_blanks(lines: list[str]) -> list[str]:
 
 
 def _entries(lines: Sequence[str], indent: str) -> list[list[str]]:
-    """Entries of a section: each a line, and the lines after it that are indented further."""
+    """Entries of a section. An entry is a line with the further indented lines after it."""
     entries: list[list[str]] = []
     for line in lines:
         if entries and line.startswith(indent + " "):

@@ -33,8 +33,8 @@ def checked_strength(gravity: float) -> float:
 def vertical_axis(gravity: ArrayLike) -> Array:
     """Unit vector (3,) of the world's axis that is vertical in a file.
 
-    It is z if gravity is at most 60 degrees from the z axis, in either sense: the ground is then a slope. Otherwise the file
-    has another vertical axis, and the axis nearest to gravity is returned. Floors and soles are perpendicular to the axis.
+    The axis is z if gravity is at most 60 degrees from z or -z: the ground is then a slope. Otherwise the file has another
+    vertical axis, and the axis nearest to gravity is returned. Floors and soles are perpendicular to the axis.
 
     >>> [vertical_axis(g).tolist() for g in ([0, 0, -9.81], [0, -9.81, 0], [7.6, 0, -6.2], [0, 0, 9.81])]
     [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]

@@ -22,7 +22,7 @@ _LONG_QUOTATION = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_MAX_QUOTATION_LENGTH
 
 
 def shorten(text: str) -> str:
-    """Text from another author's file, shortened for messages."""
+    """Text from another author's file, cut to a length that fits a message."""
     if len(text) <= _MAX_QUOTATION_LENGTH:
         return text
     return f"{text[:_MAX_QUOTATION_LENGTH]}…"
@@ -77,7 +77,7 @@ def listed(items: Iterable[object], most: int = MAX_LISTED, between: str = ", ")
     text = between.join(texts[:most])
     if len(texts) <= most:
         return text
-    mark_before_and = between.rstrip().strip(",")  # without a comma before "and"
+    mark_before_and = between.rstrip().strip(",")  # "; and", but no comma before "and"
     return f"{text}{mark_before_and} and {len(texts) - most} more"
 
 
@@ -118,9 +118,9 @@ class Argument:
 
     name: str
     value: object = ...
-    """Value to give; ``...`` for the name alone; None if ``name`` is a function, in whose place a command has an option."""
+    """Value to give; ``...`` for the name alone; None if ``name`` is a function, for which a command has an option."""
     option: str = ""
-    """Name of the option, if it differs from the argument's."""
+    """Name of the option; empty if it is the name of the argument."""
     alone: bool = False
     """True if the option has no value, because its name includes the value."""
 
@@ -145,7 +145,7 @@ def words_of_the_shell() -> Iterator[None]:
 
 
 def spell(argument: Argument, *, shell: bool | None = None) -> str:
-    """Argument as it is typed in Python, or as an option in the shell; by default in the shell while a command runs.
+    """Argument as it is typed in Python, or as an option in the shell; None means the shell while a command runs.
 
     >>> arguments = Argument("lock", {"a": 0, "b c": 0}), Argument("friction", False), Argument("rate", Placeholder("HZ"))
     >>> for argument in arguments:
@@ -183,8 +183,8 @@ def _option_text(argument: Argument) -> str:
     if has_no_value or argument.alone:
         return f"--{name}"
     if isinstance(value, Mapping):
-        pairs = [f"{quote_name(key)}={quote_name(str(entry))}" for key, entry in value.items()]
-        text = ",".join(pairs)
+        entry_texts = [f"{quote_name(key)}={quote_name(str(entry))}" for key, entry in value.items()]
+        text = ",".join(entry_texts)
         has_words = any(isinstance(entry, str) for entry in value.values())
         if has_words and "'" not in text:  # quoted even if the shell would not need it
             return f"--{name} '{text}'"
@@ -195,7 +195,7 @@ def _option_text(argument: Argument) -> str:
 
 
 def argument(name: str, value: object = ..., *, option: str = "") -> str:
-    """Text of an argument as the caller types it: of a function, or while a command runs as its option.
+    """Text of an argument as the caller types it: an argument of a function or, while a command runs, its option.
 
     >>> argument("tip"), argument("inertia", "repair")
     ('tip=…', "inertia='repair'")
@@ -204,7 +204,7 @@ def argument(name: str, value: object = ..., *, option: str = "") -> str:
 
 
 def quote_name(name: str) -> str:
-    """Name in a list of the shell, quoted as in CSV if it begins with @, or has a comma, an equals sign or a quote.
+    """Name in a list of the shell. It is quoted as in CSV if it begins with @, or has a comma, equals sign or quote.
 
     >>> quote_name("a"), quote_name("a, b")
     ('a', '"a, b"')
@@ -226,14 +226,14 @@ def spell_out(template: str) -> str:
     """
 
     def replacement(match: re.Match[str]) -> str:
-        name, text, option = match.groups("")
-        value = ast.literal_eval(text)
+        name, literal, option = match.groups("")
+        value = ast.literal_eval(literal)
         if isinstance(value, str):  # it may contain fields {…}, which are filled later
             if in_the_shell():
                 value = Placeholder(value)
             return spell(Argument(name, value, option))
         text = spell(Argument(name, value, option))
-        return text.replace("{", "{{").replace("}", "}}")  # braces that are not fields
+        return text.replace("{", "{{").replace("}", "}}")  # its braces are not fields
 
     return _ARGUMENT_IN_TEMPLATE.sub(replacement, template)
 

@@ -25,9 +25,11 @@ from .symmetry_checks import check_mirror
 
 _SINGLE_AXIS_TYPES = ("revolute", "continuous", "prismatic")
 _TWO_TURNS = 4.0 * math.pi
-"""Angle [rad]."""
+"""Largest usual limit of a revolute joint [rad]."""
 _MAX_LIMIT = 1000.0
 """Largest limit [rad or m]; larger ones mean no limit."""
+_MAX_UNIT_ERROR = 1e-3
+"""Largest difference of the length of a unit vector from 1."""
 _MAX_STROKE = 5.0
 """Largest usual stroke of a prismatic joint [m]."""
 _MAX_LISTED_JOINTS = 6
@@ -35,7 +37,7 @@ _MAX_LISTED_JOINTS = 6
 _MIN_SYMBOLIC_LIMIT = 1e4
 """Limit of effort or velocity from which it stands for no limit."""
 _USUAL_SYMBOLIC_LIMIT = 1000.0
-"""Smaller limit that is often written for no limit."""
+"""Limit of effort or velocity that often stands for no limit, although it is smaller."""
 
 
 def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -49,7 +51,7 @@ def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
     They are an error if the other commands refuse them, and a warning otherwise.
     """
-    limit_doubts = credible_limits(robot.model.limits, Robot(robot.model))  # by which the other commands refuse
+    limit_doubts = credible_limits(robot.model.limits, Robot(robot.model))  # the other commands refuse by these doubts
     refusals = [doubt for doubt in limit_doubts if doubt.kind == "limits-degrees"]
     if not refusals:
         yield from _limits_in_degrees(robot, Severity.WARNING)
@@ -57,16 +59,17 @@ def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     findings = list(_limits_in_degrees(robot, Severity.ERROR))
     yield from findings
     if not findings:  # the file has no URDF joint to point at
-        yield Finding("degrees", Severity.ERROR, f"joint {refusals[0].joints[0]!r}", 0, str(refusals[0]))
+        refusal = refusals[0]
+        yield Finding("degrees", Severity.ERROR, f"joint {refusal.joints[0]!r}", 0, str(refusal))
 
 
 def _limits_in_degrees(robot: ParsedFile, severity: Severity) -> Iterator[Finding]:
-    """Limits of revolute joints that are whole numbers beyond two turns, and the edits of the file in radians."""
+    """Findings on revolute joints whose limits are whole numbers beyond two turns, with the limits in radians as repair."""
     for joint in _urdf_joints(robot).values():
         limit = joint.child("limit")
         if limit is None or joint.text("type") != "revolute":
             continue
-        limits = {name: limit.optional_number(name) or 0.0 for name in ("lower", "upper")}
+        limits = {name: limit.optional_number(name) or 0.0 for name in ("lower", "upper")}  # a missing limit is 0
         if not _TWO_TURNS < max(map(abs, limits.values())) < _MAX_LIMIT:
             continue
         if not all(angle.is_integer() for angle in limits.values()):
@@ -83,7 +86,8 @@ def _limits_in_degrees(robot: ParsedFile, severity: Severity) -> Iterator[Findin
 
 def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Limits that exclude zero, and strokes of several metres."""
-    without_zero, long_strokes = [], []
+    joints_without_zero: list[str] = []
+    joints_with_long_stroke: list[str] = []
     model = robot.model
     for body in model.leaders:
         if body.joint.nv != 1:
@@ -91,14 +95,14 @@ def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         lower = float(model.limits.lower[body.v_index])
         upper = float(model.limits.upper[body.v_index])
         if lower > 0 or upper < 0:
-            without_zero.append(body.joint.name)
+            joints_without_zero.append(body.joint.name)
         slides = not body.joint.turning[0]
         if slides and _MAX_STROKE < upper - lower < _MAX_LIMIT:
-            long_strokes.append(body.joint.name)
+            joints_with_long_stroke.append(body.joint.name)
     sentence = "zero is outside the limits, so the robot cannot be in its neutral configuration"
-    yield from _collective_finding(robot, "limits", without_zero, sentence)
+    yield from _collective_finding(robot, "limits", joints_without_zero, sentence)
     sentence = f"the stroke is more than {printed(_MAX_STROKE)} m"
-    yield from _collective_finding(robot, "limits", long_strokes, sentence)
+    yield from _collective_finding(robot, "limits", joints_with_long_stroke, sentence)
 
 
 def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -110,34 +114,37 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def _missing_limits(robot: ParsedFile, quantity: str) -> Iterator[Finding]:
-    """Joints without a limit of a quantity, and joints whose limit is a number that stands for no limit."""
+    """Findings on joints without a limit of a quantity, and on joints whose limit stands for no limit."""
     leaders = {body.joint.name for body in robot.model.leaders}
-    missing, symbolic = [], []
+    joints_without_limit: list[str] = []
+    joints_with_symbolic_limit: list[str] = []
     for name, joint in robot.joints.items():
         if joint.text("type") not in _SINGLE_AXIS_TYPES:
             continue
         limit = _limit(robot, joint, quantity)
         if not limit and name in leaders:
-            missing.append(name)
+            joints_without_limit.append(name)
         if limit >= _MIN_SYMBOLIC_LIMIT or limit == _USUAL_SYMBOLIC_LIMIT:
-            symbolic.append(name)
+            joints_with_symbolic_limit.append(name)
     sentence = f"there is no limit of {quantity}"
     severity = Severity.NOTE
     if quantity == "effort" and len(arm_entries(robot.model)) > 1:
         sentence += ", so neither torques nor payloads can be judged"
         severity = Severity.WARNING
-    yield from _collective_finding(robot, "effort", missing, sentence, severity)
-    yield from _collective_finding(robot, "effort", symbolic, f"the limit of {quantity} stands for none")
+    yield from _collective_finding(robot, "effort", joints_without_limit, sentence, severity)
+    sentence = f"the limit of {quantity} stands for none"
+    yield from _collective_finding(robot, "effort", joints_with_symbolic_limit, sentence)
 
 
 def _efforts_below_weight(robot: ParsedFile) -> Iterator[Finding]:
-    """Joints whose own weight exceeds their effort limit: a note, or a warning if it exceeds a multiple of the limit."""
+    """Joints whose torque by weight exceeds their effort limit: a note, or a warning if it exceeds a multiple of it."""
     efforts = robot.model.limits.effort
-    max_torques = np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)  # over all poses
+    max_torques = np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)  # of each joint over all poses
     overloaded = np.flatnonzero(max_torques > efforts + margin(efforts))
     far_overloaded = [k for k in overloaded if max_torques[k] > BY_WEIGHT * efforts[k] > 0]
     names = robot.model.velocity_names
     slightly_overloaded_names = [names[k] for k in overloaded if k not in far_overloaded]
+    far_overloaded_names = [names[k] for k in far_overloaded]
     sentence = "the robot's own weight takes more than the effort at some pose"
     yield from _collective_finding(robot, "effort", slightly_overloaded_names, sentence)
     max_ratio = max((max_torques[k] / efforts[k] for k in far_overloaded), default=0.0)
@@ -145,7 +152,7 @@ def _efforts_below_weight(robot: ParsedFile) -> Iterator[Finding]:
         f"the robot's own weight takes up to {number(max_ratio, 3)} times the effort: is a mass in grams, a centre of mass "
         "in millimetres, or an effort that of the motor before the gear?"
     )
-    yield from _collective_finding(robot, "effort", [names[k] for k in far_overloaded], sentence, Severity.WARNING)
+    yield from _collective_finding(robot, "effort", far_overloaded_names, sentence, Severity.WARNING)
 
 
 def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -170,10 +177,11 @@ def check_axis(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
             continue
         direction = axis.numbers("xyz", 3)
         length = float(np.linalg.norm(direction))
-        if length == 0 or abs(length - 1.0) < 1e-3:
+        if length == 0 or abs(length - 1.0) < _MAX_UNIT_ERROR:
             continue
-        text = " ".join(map(file_number, direction / length))
-        repair = FileRepair("number", "the axis with unit length", edits=(Edit(axis.locate("xyz"), text),))
+        unit_axis_text = " ".join(map(file_number, direction / length))
+        edit = Edit(axis.locate("xyz"), unit_axis_text)
+        repair = FileRepair("number", "the axis with unit length", edits=(edit,))
         sentence = f"its axis has the length {number(length)}, not 1"
         yield _joint_finding(joint, "axis", Severity.NOTE, sentence, {"length": length}, repair)
 
@@ -194,7 +202,7 @@ def _urdf_joints(robot: ParsedFile) -> Mapping[str, Element]:
 
 
 def _limit(robot: ParsedFile, joint: Element, quantity: str) -> float:
-    """Limit of a joint: from the user's table if there is one, otherwise from the file; 0 if there is no limit."""
+    """Limit of a joint from the user's table if there is one, otherwise from the file; 0 without a limit."""
     limits = robot.model.limits
     name = joint.text("name")
     if isinstance(limits, StatedLimits) and name in robot.model.velocity_names:
@@ -222,8 +230,8 @@ def _collective_finding(
     """One finding for all joints with the same problem."""
     if not names:
         return
+    first_joint = robot.joints.get(names[0])  # the finding points at it
     line, file = 0, ""
-    first_joint = robot.joints.get(names[0])
     if first_joint is not None:
         line, file = first_joint.line, first_joint.file
     noun = "joint" if len(names) == 1 else "joints"

@@ -20,8 +20,11 @@ class LoadError:
     """One reason why a file cannot be loaded."""
 
     where: str
+    """Element with the error, such as "joint 'elbow'"."""
     line: int
+    """Line of the element in the file."""
     sentence: str
+    """Text of the error."""
     mimic: bool = False
     """True if only the leader of a mimic joint is missing; such joints can be loaded as independent."""
 
@@ -51,7 +54,7 @@ def _element_errors(root: Element) -> Iterator[LoadError]:
 def _tree_errors(root: Element) -> Iterator[LoadError]:
     """Missing parents and children, and links with two parents."""
     links = [link.attributes.get("name", "").strip() for link in root.all("link")]
-    children: Counter[str] = Counter()  # number of joints whose child is the link
+    parent_counts: Counter[str] = Counter()  # number of joints whose child is the link
     for joint in root.all("joint"):
         where = f"joint {joint.attributes.get('name', '')!r}"
         for end in ("parent", "child"):
@@ -59,19 +62,18 @@ def _tree_errors(root: Element) -> Iterator[LoadError]:
             if not name:
                 continue
             if name not in links:
-                missing = UnknownNameError.from_choices("link", name, links)
-                yield LoadError(where, joint.line, f"the {end} of {joint} is not there: {missing}")
+                unknown_name = UnknownNameError.from_choices("link", name, links)
+                yield LoadError(where, joint.line, f"the {end} of {joint} is not there: {unknown_name}")
             if end == "parent":
                 continue
-            children[name] += 1
-            # A third parent is not reported again.
-            if children[name] == 2:
+            parent_counts[name] += 1
+            if parent_counts[name] == 2:  # a third parent is not reported again
                 sentence = f"{joint} gives link {name!r} a second parent. A robot must be a tree."
                 yield LoadError(where, joint.line, sentence)
 
 
 def _link_at(joint: Element, end: str) -> str:
-    """Name of a joint's parent or child; empty if it is not given once."""
+    """Name of a joint's parent or child; empty if it is missing or given twice."""
     try:
         element = joint.child(end)
     except ModelError:
@@ -91,6 +93,7 @@ def _leader_errors(root: Element) -> Iterator[LoadError]:
             leader = mimic.attributes.get("joint", "").strip()
             if leader and leader not in joints:
                 unknown_name = UnknownNameError.from_choices("joint", leader, joints)
-                missing = str(unknown_name).partition(" Known:")[0]  # without the list of all joints
-                sentence = f"it mimics a joint that is not there: {missing}"
-                yield LoadError(f"joint {joint.attributes.get('name', '')!r}", joint.line, sentence, mimic=True)
+                reason, _, _ = str(unknown_name).partition(" Known:")  # without the list of all joints
+                sentence = f"it mimics a joint that is not there: {reason}"
+                where = f"joint {joint.attributes.get('name', '')!r}"
+                yield LoadError(where, joint.line, sentence, mimic=True)

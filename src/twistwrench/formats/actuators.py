@@ -42,8 +42,8 @@ def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
                 if number == 0:
                     raise ModelError(problem)
                 return float(rad_per_metre(number))
-    other_forms = f", or with one of {', '.join(_RAD_PER_METRE)}" if sliding else ", or 101:1"
-    problem = f"{where} is {short_text(value)}, expected a number such as 101{other_forms}."
+    other_form = f", or with one of {', '.join(_RAD_PER_METRE)}" if sliding else ", or 101:1"
+    problem = f"{where} is {short_text(value)}, expected a number such as 101{other_form}."
     if not isinstance(value, str):
         return plain_number(value, problem)
     rotor_turns, colon, joint_turns = value.partition(":")
@@ -53,7 +53,8 @@ def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
     return plain_number(rotor_turns, problem) / divisor
 
 
-# Entries that each section may have. Dictionaries give the kind of unit of each entry; an empty kind is a plain number.
+# Entries that each section may have. ``…_KEYS`` are names of entries. ``…_KINDS`` give the kind of unit of each entry, too; an
+# empty kind is a plain number.
 _THERMAL_KINDS = {
     "winding_housing": "thermal resistance", "housing_ambient": "thermal resistance", "winding_time": "time",
     "housing_time": "time", "maximum": "temperature", "coefficient": "", "reference": "temperature",
@@ -143,7 +144,7 @@ def _section_or_empty(parent: Section, key: str) -> Section:
 
 
 def _positive_number(entry: Section, key: str, kind: str, unit: str) -> float:
-    """Limit of an actuator. Raises ModelError unless it is above 0."""
+    """Limit of an actuator in ``unit``. Raises ModelError unless it is above 0."""
     limit = entry.number(key, kind)
     if not limit > 0:
         raise ModelError(f"{entry.where(key)} is {printed(limit)} {unit}; it must be above 0.")
@@ -215,20 +216,21 @@ def read_couplings(model: Model, file: Section) -> list[Coupling]:
 def _read_coupling(name: str, entry: Section, sliding: set[str]) -> Coupling:
     """Coupling of motors and joints from its entry."""
     entry.only(*_COUPLING_KEYS)
-    motors, joints = _read_names(entry, "motors"), _read_names(entry, "joints")
+    motors = _read_names(entry, "motors")
+    joints = _read_names(entry, "joints")
     matrix_keys = [key for key in ("motor_per_joint", "joint_per_motor") if key in entry.content]
     if len(matrix_keys) != 1:
-        which = "both motor_per_joint and" if matrix_keys else "neither motor_per_joint nor"
-        raise ModelError(f"{entry.path} has {which} joint_per_motor. Give one of them: q̇_m = motor_per_joint q̇_j.")
-    key = matrix_keys[0]
+        beginning = "both motor_per_joint and" if matrix_keys else "neither motor_per_joint nor"
+        raise ModelError(f"{entry.path} has {beginning} joint_per_motor. Give one of them: q̇_m = motor_per_joint q̇_j.")
+    (key,) = matrix_keys
     rows = entry.content[key]
     where = entry.where(key)
     if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
         raise ModelError(f"{where} is {short_text(rows)}, expected rows of numbers such as [[1, 1], [1, -1]].")
     row_lengths = [len(row) for row in rows]
     if len(set(row_lengths)) > 1:
-        lengths = ", ".join(map(str, row_lengths))
-        raise ModelError(f"{where} has rows of {lengths} numbers. Give equally many.")
+        lengths_text = ", ".join(map(str, row_lengths))
+        raise ModelError(f"{where} has rows of {lengths_text} numbers. Give equally many.")
     has_gear_ratios = key == "motor_per_joint"  # its columns are joints, and its entries may have units
     matrix = []
     for row in rows:
@@ -251,7 +253,7 @@ def _read_names(entry: Section, key: str) -> tuple[str, ...]:
 
 
 def _read_friction_law(section: Section, kinds: Mapping[str, str]) -> dict[str, float]:
-    """Friction coefficients of a joint; ``kinds`` replace kinds of units, at sliding joints."""
+    """Friction coefficients of a joint; ``kinds`` replace kinds of units and are empty for turning joints."""
     section.only(*_FRICTION_KINDS)
     coefficients = {}
     for key, kind in _FRICTION_KINDS.items():
@@ -277,8 +279,12 @@ def _read_actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kind
 
 
 def _ratio(entry: Section, *, sliding: bool) -> dict[str, float]:
-    """Gear ratio of an actuator under the name ``ratio``; empty if it is not given."""
-    return entry.optional("ratio", lambda key: gear_ratio(entry.content[key], entry.where(key), sliding=sliding))
+    """Gear ratio of an actuator as ``{"ratio": value}``; empty if it is not given."""
+
+    def read_ratio(key: str) -> float:
+        return gear_ratio(entry.content[key], entry.where(key), sliding=sliding)
+
+    return entry.optional("ratio", read_ratio)
 
 
 def _read_motors(file: Section) -> dict[str, Motor]:
@@ -326,11 +332,11 @@ def _read_rotor(section: Section) -> Rotor:
     if "inertia" not in section.content:
         raise ModelError(f"{section.path} has no inertia, which is all there is to a rotor.")
     extra_entry = section.content.get("extra", False)
-    extra_text = str(extra_entry).lower()  # texts and booleans: YAML may quote either
+    extra_text = str(extra_entry).lower()  # a boolean, or a text if it is quoted
     if not isinstance(extra_entry, str | bool) or extra_text not in ("true", "false"):
         raise ModelError(f"{section.where('extra')} is {short_text(extra_entry)}, expected true or false.")
-    extra = extra_text == "true"
-    if "mass" in section.content and not extra:
+    is_extra = extra_text == "true"
+    if "mass" in section.content and not is_extra:
         raise ModelError(
             f"{section.where('mass')} is of no use unless the rotor is extra: the link has weighed it already."
         )
@@ -339,7 +345,7 @@ def _read_rotor(section: Section) -> Rotor:
         raise ModelError(f"{section.where('link')} is {short_text(link)}, expected the name of a link.")
     placement = section.optional("axis", section.vector, "") | section.optional("place", section.vector, "length")
     mass = section.optional("mass", section.number, "mass")
-    return Rotor(inertia=section.number("inertia", "inertia"), extra=extra, link=link, **mass, **placement)
+    return Rotor(inertia=section.number("inertia", "inertia"), extra=is_extra, link=link, **mass, **placement)
 
 
 def plain_share(value: object, where: str) -> float:
@@ -355,11 +361,11 @@ class LogSide:
     """Properties of log columns in an actuator file, by joint."""
 
     of_motors: bool
-    """True if positions and torques are those of the motors, before the gears."""
+    """True if the log has positions and torques of the motors, before the gears."""
     ratios: Mapping[str, float]
     """Gear ratios, motor per joint."""
     coupled: Mapping[str, Mapping[str, float]]
-    """Rotation of a joint's motor per rotation of other joints, by the names of those joints."""
+    """Rotation of a joint's motor per rotation of other joints, by names of the joint and of the other joint."""
     zero: Mapping[str, float]
     """Joint position where the log has zero [rad or m]."""
     sign: Mapping[str, float]
@@ -367,7 +373,7 @@ class LogSide:
     gain: Mapping[str, float]
     """Torque or force per unit of the column [N m or N], of the motor or of the joint."""
     of_currents: Mapping[str, float]
-    """Torque per ampere of current columns [N m/A]: :attr:`gain`, or else the torque constant.
+    """Torque per ampere of current columns [N m/A]: :attr:`gain` if given, otherwise the torque constant.
 
     For logs of the joints' side, the torque constant is multiplied by the gear ratio.
     """
@@ -376,7 +382,7 @@ class LogSide:
 
 
 def read_log_side(model: Model, source: Source | ActuatorFile) -> LogSide:
-    """Read the entry ``log:`` of an actuator file and the gear ratios; defaults without that entry.
+    """Read the entry ``log:`` of an actuator file and the gear ratios; defaults if the file has no such entry.
 
     Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` with the file and the entry.
     """
@@ -413,7 +419,7 @@ def _log_side(model: Model, file: Section) -> LogSide:
 
 
 def _ratios_and_torque_constants(file: Section, sliding: set[str]) -> tuple[dict[str, float], dict[str, float]]:
-    """Gear ratios, and torque constants of motors [N m/A], by joint; missing where a joint has none."""
+    """Gear ratios, and torque constants of motors [N m/A], by joint; only joints that have one."""
     motors = _read_motors(file)
     actuators = _section_or_empty(file, "actuators")
     entries = {name: actuators.section(name) for name, entry in actuators.content.items() if isinstance(entry, Mapping)}
@@ -430,10 +436,11 @@ def _ratios_and_torque_constants(file: Section, sliding: set[str]) -> tuple[dict
 
 
 class _LogColumns:
-    """Reader of the entries below ``log: joints:``; what it has read, by joint or coupled motor."""
+    """Reader of the entries below ``log: joints:``; the attributes hold them by joint or coupled motor."""
 
     def __init__(self, side: str, sliding: set[str], couplings: Sequence[Coupling], joints: Sequence[str]) -> None:
-        self.side, self.sliding = side, sliding
+        self.side = side
+        self.sliding = sliding
         self.coupled_motors = {motor for coupling in couplings for motor in coupling.motors}
         self.coupled_joints = {joint for coupling in couplings for joint in coupling.joints}
         self.names = (*joints, *sorted(self.coupled_motors))
@@ -459,9 +466,10 @@ class _LogColumns:
         if "gain" in entry.content:
             self.gain[name] = entry.number("gain", "torque constant")
         if "sign" in entry.content:
-            self.sign[name] = sign = entry.number("sign", "")
+            sign = entry.number("sign", "")
             if abs(sign) != 1.0:
                 raise ModelError(f"{entry.where('sign')} is {printed(sign)}, expected 1 or -1.")
+            self.sign[name] = sign
 
     def _keys(self, name: str) -> tuple[str, ...]:
         """Entries that a joint or motor may have."""

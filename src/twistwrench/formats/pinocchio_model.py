@@ -26,6 +26,7 @@ UNIVERSE = "universe"
 _TYPE_PREFIX = "JointModel"
 """Beginning of the names of Pinocchio's joint types."""
 _FREE_JOINT = "FreeFlyer"
+"""Joint type of a free body."""
 _SINGLE_JOINTS = {_FREE_JOINT: "floating", "Spherical": "ball", "Planar": "planar"}
 """Joint types with several velocities that become one joint."""
 _SEVERAL_JOINTS = ("SphericalZYX", "Translation", "Universal")
@@ -102,7 +103,7 @@ def _fill_builder(model: Any, fixed_joints: Set[int]) -> ModelBuilder:
 
 
 def _link_names(model: Any) -> list[str]:
-    """Name of the link of each joint: that of the first body frame that coincides with the joint, or else a new name."""
+    """Name of the link of each joint: the name of the first body frame that coincides with the joint, or a new name."""
     names = [""] * model.njoints
     body_frames = [frame for frame in model.frames if _frame_type(frame) == "BODY"]
     for frame in body_frames:
@@ -121,7 +122,8 @@ def _link_names(model: Any) -> list[str]:
 
 def _frame_type(frame: Any) -> str:
     """Type of a frame, such as ``BODY`` for ``FrameType.BODY``."""
-    return str(frame.type).rpartition(".")[2]
+    _, _, name = str(frame.type).rpartition(".")
+    return name
 
 
 def _spatial_inertia(inertia: Any) -> SpatialInertia:
@@ -129,8 +131,9 @@ def _spatial_inertia(inertia: Any) -> SpatialInertia:
 
 
 def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], links: Sequence[str]) -> None:
-    """Add joint j and its link; hidden links without mass join the parts of a joint that becomes several."""
-    joint, name = model.joints[j], names[j]
+    """Add joint j and its link. A joint that becomes several gets hidden links without mass between its parts."""
+    joint = model.joints[j]
+    name = names[j]
     parent = links[int(model.parents[j])]
     T = np.array(model.jointPlacements[j].homogeneous)
     mimic = _mimic(model, j, names)
@@ -152,10 +155,10 @@ def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], 
         step_name = _step_name(name, k, len(steps))
         builder.add_joint(step_name, step.kind, parent, child, placement=T @ step.T, axis=axis, mimic=mimic, **options)
         if step.kind in ("floating", "planar") and options.get("armature"):
-            text = "has an armature, whose products of velocities Pinocchio leaves out, and which count here"
-            builder.note(f"joint {name!r}", text)
+            remark = "has an armature, whose products of velocities Pinocchio leaves out, and which count here"
+            builder.note(f"joint {name!r}", remark)
         parent = child
-        T = np.eye(4)  # the pose of the Pinocchio joint belongs to the first part alone
+        T = np.eye(4)  # only the first part is at the pose of the Pinocchio joint
         q_index += step.nq
         v_index += step.nv
 
@@ -173,8 +176,8 @@ def _mimic(model: Any, j: int, names: Sequence[str]) -> Mimic | None:
     if j not in followers:
         return None
     leader = int(model.mimicked_joints[followers.index(j)])
-    own = model.joints[j].extract()
-    return names[leader], float(own.scaling), float(own.offset)
+    mimic_joint = model.joints[j].extract()
+    return names[leader], float(mimic_joint.scaling), float(mimic_joint.offset)
 
 
 def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
@@ -193,7 +196,7 @@ def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
             composite = joint.extract()
         for part, placement in zip(composite.joints, composite.jointPlacements, strict=True):
             yield from _steps(part, name, T @ np.array(placement.homogeneous))
-            T = np.eye(4)  # T belongs to the first part alone: each part is placed relative to the one before
+            T = np.eye(4)  # only the first part is at T: each other part is placed relative to the part before
     elif kind == "Mimic":
         # Pinocchio's subspace of a mimic joint has its ratio, which the builder takes from ``mimic``.
         S = _motion_subspace(joint, np.zeros(1)) / float(joint.extract().scaling)
@@ -215,16 +218,16 @@ def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
 
 def _motion_subspace(joint: Any, q: Array) -> Array:
     """Motion subspace S (6, nv), angular part first, at coordinates q (nq,) of the joint."""
-    first = max(int(joint.idx_q), 0)  # idx_q is -1 for a joint that is not in a model
+    first_coordinate = max(int(joint.idx_q), 0)  # idx_q is -1 for a joint that is not in a model
     data = joint.createData()
-    joint.calc(data, np.concatenate([np.zeros(first), q]))  # calc expects the coordinates of the whole model
+    joint.calc(data, np.concatenate([np.zeros(first_coordinate), q]))  # calc expects the coordinates of the whole model
     S = np.array(data.S, float).reshape(6, -1)
     linear, angular = S[:3], S[3:]
     return np.concatenate([angular, linear])
 
 
 def _kind_and_axis(axis: Array, *, endless: bool) -> tuple[str, Array]:
-    """Type of a one-degree joint with a screw axis (6,), angular part first, and the axis itself."""
+    """Type of a one-degree joint with a screw axis (6,), angular part first, and this axis."""
     w, v = axis[:3], axis[3:]
     if not w.any():
         return "prismatic", axis
@@ -236,7 +239,7 @@ def _kind_and_axis(axis: Array, *, endless: bool) -> tuple[str, Array]:
 
 
 def _limits_and_losses(model: Any, q_index: int, v_index: int, step: _Step) -> dict[str, Any]:
-    """Limits, friction and armature of a joint, as options of the builder. Joints of several degrees have no limits."""
+    """Limits, friction and armature of a joint, as options of the builder; joints of several degrees get no limits."""
     own_entries = slice(v_index, v_index + step.nv)
     losses: dict[str, Any] = {}
     for name in ("damping", "friction", "armature"):
@@ -258,7 +261,7 @@ def _limits_and_losses(model: Any, q_index: int, v_index: int, step: _Step) -> d
 
 
 def _add_frames(builder: ModelBuilder, model: Any, links: Sequence[str]) -> None:
-    """Add body frames without a joint of their own as fixed links, and operational and sensor frames as sites."""
+    """Add body frames that are not a joint's link as fixed links, and operational and sensor frames as sites."""
     for frame in model.frames:
         link = links[int(frame.parentJoint)]
         name = str(frame.name)
@@ -279,16 +282,17 @@ def _add_configuration(
 
     positions: dict[str, Array] = {}
     for j in sorted(set(range(1, model.njoints)) - fixed_joints):
-        first = int(model.joints[j].idx_q)
+        first_coordinate = int(model.joints[j].idx_q)
         steps = list(_steps(model.joints[j], names[j]))
         for k, step in enumerate(steps):
-            coordinates = q[first : first + step.nq]
-            first += step.nq
+            coordinates = q[first_coordinate : first_coordinate + step.nq]
+            first_coordinate += step.nq
             if step.kind in ("ball", "floating"):
                 joint = JOINT_TYPES[step.kind]("", np.zeros((0, 6)))  # used for its conversion only
                 coordinates = joint.from_pinocchio(coordinates)
-            elif step.nq > step.nv:  # angle stored as cosine and sine
-                coordinates = np.append(coordinates[:-2], math.atan2(coordinates[-1], coordinates[-2]))
+            elif step.nq > step.nv:  # the angle is stored as cosine and sine
+                *others, cosine, sine = coordinates
+                coordinates = np.append(others, math.atan2(sine, cosine))
             if step.nq:
                 positions[_step_name(names[j], k, len(steps))] = coordinates
     builder.add_configuration(label, positions)
@@ -335,7 +339,8 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
         frames[i] = j, translation(-point)
         G = parts.whole[body.link].in_frame(translation(-point))
         pin_model.appendBodyToJoint(j, _inertia_of_pinocchio(pinocchio, G), pinocchio.SE3.Identity())
-        if body.joint.nv > 1 and model.armature[body.places[1]].any():
+        _, velocities = body.places
+        if body.joint.nv > 1 and model.armature[velocities].any():
             losses.note_joint(body.joint.name, "has an armature, whose products of velocities Pinocchio leaves out")
         if body.follows:
             losses.note_joint(body.joint.name, "follows another one here, and is a joint like any other there")
@@ -352,8 +357,8 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
             _add_drive(pin_model, numbers[name], drive_of(parts, name, losses))
     for name, positions in configurations_of(parts).items():
         pin_model.referenceConfigurations[name] = _pinocchio_q(pin_model, model, numbers, positions)
-    counts = {"spring": len(parts.additions.springs), "closure": len(parts.additions.closures)}
-    for noun, count in counts.items():
+    lost_counts = {"spring": len(parts.additions.springs), "closure": len(parts.additions.closures)}
+    for noun, count in lost_counts.items():
         if count == 1:
             losses.say(f"1 {noun} of the robot: Pinocchio's models have none")
         elif count > 1:
@@ -370,9 +375,11 @@ def _pinocchio_joint(pinocchio: Any, joint: Joint, screw: Any) -> tuple[Any, Arr
     if joint.kind in _NAMES_IN_PINOCCHIO:
         joint_type = getattr(pinocchio, _NAMES_IN_PINOCCHIO[joint.kind])
         return joint_type(), np.zeros(3)
-    # Letter of the coordinate axis along which the joint's axis lies; empty if there is none.
-    letters = [letter for letter, e in zip("XYZ", np.eye(3), strict=True) if np.array_equal(e, screw.direction)]
-    letter = "".join(letters)
+    # letter of the coordinate axis along which the joint's axis lies; empty without one
+    letter = ""
+    for axis_letter, unit_vector in zip("XYZ", np.eye(3), strict=True):
+        if np.array_equal(unit_vector, screw.direction):
+            letter = axis_letter
     if screw.pitch and letter:
         joint_type = getattr(pinocchio, f"JointModelH{letter}")
         return joint_type(screw.pitch), screw.point
@@ -411,8 +418,9 @@ def _add_limits(pin_model: Any, model: Model, numbers: dict[str, int]) -> None:
         joint = pin_model.joints[numbers[body.joint.name]]
         own_entries = slice(joint.idx_v, joint.idx_v + joint.nv)
         order = list(body.joint.pinocchio_order)
+        _, velocities = body.places
         for name, values in velocity_and_effort.items():
-            own_values = values[body.places[1]]  # by velocities of the joint
+            own_values = values[velocities]
             arrays[name][own_entries] = own_values[order]
         if joint.nq == 1:
             for name, values in position_limits.items():

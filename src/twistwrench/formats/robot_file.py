@@ -18,7 +18,7 @@ USD = (".usd", ".usda", ".usdc", ".usdz")
 class RobotFile(str):
     """Path of a robot file with its content, text and elements, each read at first use and kept.
 
-    A pickled copy, as in another process, has the path alone, and reads the file again. Errors of its properties are those of
+    A pickled copy, as in another process, has only the path, and reads the file again. Properties raise the errors of
     :func:`~twistwrench.formats.source.read_robot_text` and :func:`~twistwrench.formats.xml.parse`.
     """
 
@@ -48,7 +48,7 @@ class RobotFile(str):
         return self.parse_root()
 
     def parse_root(self, max_bodies: int = MOST_BODIES) -> Element:
-        """Root element. The number of bodies is checked only when it is parsed, at the first call."""
+        """Root element. The file is parsed, and its number of bodies checked, only at the first call."""
         if "root" not in vars(self):
             self.root = parse(self.text, max_bodies=max_bodies)
         return self.root
@@ -66,7 +66,7 @@ def file_of(model: Model) -> RobotFile | None:
     """File of a model; None if the model has no file, a USD file, or a file that was never parsed and no longer exists."""
     source = model.source
     file = source if isinstance(source, RobotFile) else RobotFile(source)
-    if "root" in vars(file):  # parsed before
+    if "root" in vars(file):  # parsed before, so the file need not exist any more
         return file
     path = Path(source)
     if source and path.suffix.lower() not in USD and path.is_file():

@@ -20,6 +20,7 @@ from ..core.estimation.least_squares import Information, left_out, squares_of, s
 from ..core.typing import Array
 
 _MAX_RATIO_TO_BEST = 1.01  # ratio to the least held-out residual that fewer groups may reach
+_MIN_SQUARED_TORQUE = 1e-300  # divisor in place of zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +33,7 @@ class EssentialGroups:
     places : (k,) array, indices among all groups
     values : (k,) array, fitted again without the others
     held_out : float, |τ - τ̂| / |τ| of held-out fifths, in units of the residuals of each joint
-    curve : tuple of (count, share), |τ - τ̂| / |τ| for each number of groups
+    curve : tuple of (count, share), |τ - τ̂| / |τ| for each number of groups, from all groups to one
     """
 
     names: tuple[str, ...]
@@ -53,7 +54,7 @@ def essential_groups(
     folds : normal equations (N, c, y) of each fifth of the time
     size : (r,) array, typical values of the groups
     held : (r,) array of bool, True for groups with known values
-    values : (r,) array, of which those of known groups are used
+    values : (r,) array, values of the groups; only values of known groups are used
     """
     known_values = np.where(held, values, 0.0)
     unknown_folds = _without_known_groups(folds, known_values)
@@ -62,17 +63,17 @@ def essential_groups(
     sets = [np.sort(order[k:]) for k in range(len(order))]  # from all groups to the last one
     squares = np.zeros(len(sets))  # squared residual of all held-out fifths, for each set
     for (N, c, y), training in left_out(unknown_folds):
-        for n, kept in enumerate(sets):
-            held_out = N[np.ix_(kept, kept)], c[kept], y
-            squares[n] += squares_of(held_out, _solve(training, kept, size))
+        for n, groups in enumerate(sets):
+            held_out = N[np.ix_(groups, groups)], c[groups], y
+            squares[n] += squares_of(held_out, _solve(training, groups, size))
     squared_torques = sum(float(y) for _, _, y in folds)
-    shares = np.sqrt(squares / max(squared_torques, 1e-300))
-    # the last set that is good enough is the smallest
-    chosen = int(np.flatnonzero(shares <= _MAX_RATIO_TO_BEST * shares.min())[-1])
-    kept = sets[chosen]
+    shares = np.sqrt(squares / max(squared_torques, _MIN_SQUARED_TORQUE))
+    good_enough = np.flatnonzero(shares <= _MAX_RATIO_TO_BEST * shares.min())
+    smallest = int(good_enough[-1])  # the sets become smaller
+    groups = sets[smallest]
     curve = tuple(zip(map(len, sets), shares.tolist(), strict=True))
-    kept_names = tuple(names[k] for k in kept.tolist())
-    return EssentialGroups(kept_names, kept, _solve(total, kept, size), float(shares[chosen]), curve)
+    group_names = tuple(names[k] for k in groups.tolist())
+    return EssentialGroups(group_names, groups, _solve(total, groups, size), float(shares[smallest]), curve)
 
 
 def _without_known_groups(folds: Sequence[Information], x: Array) -> list[Information]:
@@ -88,7 +89,7 @@ def _without_known_groups(folds: Sequence[Information], x: Array) -> list[Inform
 
 
 def _solve(information: Information, groups: Array, size: Array) -> Array:
-    """Values of some groups, with a weak prior: mean 0, and ``size`` as standard deviation of each."""
+    """Values of some groups (indices), with a weak prior of mean 0 and standard deviations ``size``."""
     N, c, _ = information
     S = size[groups]
     A = N[np.ix_(groups, groups)] * S[:, None] * S + np.eye(len(groups))  # for the values x / S
@@ -96,9 +97,9 @@ def _solve(information: Information, groups: Array, size: Array) -> Array:
 
 
 def _elimination_order(total: Information, size: Array, held: Array) -> Array:
-    """Indices of the groups in the order in which they are removed; known groups are not among them.
+    """Indices of the unknown groups in the order in which they are removed.
 
-    C is A⁻¹ of the module's equations, for values over ``size``.
+    C is A⁻¹ of the module's equations, for values divided by ``size``.
     """
     N, c, _ = total
     remaining = np.flatnonzero(~held)
@@ -112,6 +113,6 @@ def _elimination_order(total: Information, size: Array, held: Array) -> Array:
         gain = C[:, i] / C[i, i]  # A⁻¹ e_i / (A⁻¹)_ii
         x = np.delete(x - gain * x[i], i)
         C = C - np.outer(gain, C[i])
-        C = np.delete(np.delete(C, i, axis=0), i, axis=1)
+        C = np.delete(np.delete(C, i, axis=0), i, axis=1)  # without row and column i
         remaining = np.delete(remaining, i)
     return np.array(order, int)

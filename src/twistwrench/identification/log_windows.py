@@ -38,11 +38,11 @@ MOST_STATES = 200_000
 """Maximum number of samples of all logs that are fitted."""
 WINDOW = 4096
 """Samples per window of a longer log."""
-_MAX_WRONG_ROWS = 0.01  # maximum share of single-row glitches that are removed from a log
+_MAX_WRONG_SHARE = 0.01  # largest share of single-row glitches that are removed from a log
 _MIN_CLOSED_PAUSE = 0.06  # least length of a pause with closed-up time stamps [s]
-_MIN_CLOSED_PAUSE_STEPS = 6.0  # the same in usual steps
-_PORTION = MOST_STATES  # rows that are checked together
-_HAS_COMMANDS = (
+_MIN_CLOSED_PAUSE_STEPS = 6.0  # least length of such a pause, in usual steps
+_ROWS_PER_CHECK = MOST_STATES  # rows that are checked together, to limit memory
+_COMMANDS_MESSAGE = (
     "no torque for every joint; the log has commands: {0} identifies gains, friction and armature from them. If it has "
     "torques, too, name their columns JOINT.torque."
 )
@@ -64,7 +64,9 @@ class LogSource:
     topic: str | None = None
     episode: int | None = None
     side: MotorSide | None = None
+    """Relation of the log's columns to the joints; None for a log of the joints."""
     motion: Motion | None = None
+    """Motion in memory; None for a file."""
 
     @classmethod
     def from_log(cls, robot: Robot, log: Log, name: str, reading: Mapping[str, Any]) -> LogSource:
@@ -80,7 +82,7 @@ class LogSource:
             )
         if log.tau is None:
             if log.command is not None:
-                raise ShapeError(f"identify: {name} has {_HAS_COMMANDS}", _IDENTIFY_SERVOS)
+                raise ShapeError(f"identify: {name} has {_COMMANDS_MESSAGE}", _IDENTIFY_SERVOS)
             raise ShapeError(
                 f"identify: {name} has no torques for every joint. Name their columns JOINT.torque, or "
                 "assign them: columns={'JOINT.tau': 'COLUMN'}."
@@ -94,23 +96,24 @@ class LogSource:
     @property
     def log(self) -> MotionLog:
         """Log of the file, decoded once per process; raises the errors of :meth:`MotionLog.open`."""
+        # everything that the decoded log depends on is in its key
         columns = tuple(sorted((self.columns or {}).items()))
         gain = tuple(sorted((self.gain or {}).items()))
         file = Path(self.path)
         modification_time = file.stat().st_mtime_ns if file.is_file() else 0
         options = self._options
-        motors = () if self.side is None else self.side.names
-        drives = self.robot.model.drive_names
-        key = (self.path, modification_time, drives, motors, columns, gain, *options.values())
-        if key not in _OPENED:
+        motor_names = () if self.side is None else self.side.names
+        drive_names = self.robot.model.drive_names
+        key = (self.path, modification_time, drive_names, motor_names, columns, gain, *options.values())
+        if key not in _OPENED_LOGS:
             options |= {"columns": self.columns, "gain": self.gain}
             log = open_log(self.path, self.robot.model, self.side, **options)
             free_bytes = _MAX_BYTES_OPENED - log.table.nbytes  # a log that cannot be decoded raises here
-            while _OPENED and sum(opened.table.nbytes for opened in _OPENED.values()) > free_bytes:
-                oldest_key = next(iter(_OPENED))
-                _OPENED.pop(oldest_key)
-            _OPENED[key] = log
-        return _OPENED[key]
+            while _OPENED_LOGS and sum(opened.table.nbytes for opened in _OPENED_LOGS.values()) > free_bytes:
+                oldest_key = next(iter(_OPENED_LOGS))
+                _OPENED_LOGS.pop(oldest_key)
+            _OPENED_LOGS[key] = log
+        return _OPENED_LOGS[key]
 
     @property
     def _options(self) -> dict[str, Any]:
@@ -128,24 +131,24 @@ class LogSource:
         return len(self.log.table) if self.motion is None else len(self.motion)
 
     def rows(self, rows: slice) -> LogRows:
-        """Range of rows on the joints' side; raises ValueRangeError if a file has no torques."""
+        """Range of rows, with torques at the joints; raises ValueRangeError if a file has no torques."""
         if self.motion is not None:
-            time, q, tau = self.motion.time[rows], self.motion.q[rows], np.asarray(self.motion.tau)[rows]
-            return LogRows(time, q, None, None, tau)
-        found = self.log.motion(self.log.table[rows])
-        if found.tau is None and self._has_commands():
-            raise ValueRangeError(f"{self.path}: {_HAS_COMMANDS}", _IDENTIFY_SERVOS)
-        if found.tau is None:
+            tau = np.asarray(self.motion.tau)
+            return LogRows(self.motion.time[rows], self.motion.q[rows], None, None, tau[rows])
+        log_rows = self.log.motion(self.log.table[rows])
+        if log_rows.tau is None and self._has_commands():
+            raise ValueRangeError(f"{self.path}: {_COMMANDS_MESSAGE}", _IDENTIFY_SERVOS)
+        if log_rows.tau is None:
             raise ValueRangeError(
                 f"{self.path}: no torque for every joint. Name the columns JOINT.torque, or assign them: {{0}}; "
                 "currents, JOINT.current, need {1}.",
                 Argument("columns", {f"{self.robot.model.velocity_names[0]}.tau": "COLUMN"}),
                 Argument("gain"),
             )
-        return found if self.side is None else self.side.of_joints(found)
+        return log_rows if self.side is None else self.side.of_joints(log_rows)
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Doubts about all rows, without a model."""
+        """Doubts about all rows that need no model of the dynamics."""
         if self.motion is not None:
             return self.motion.doubts
         if self.side is None or self.side.is_of_joints:
@@ -153,17 +156,20 @@ class LogSource:
         return sided_doubts(self.log, self.side, self.robot.limits)
 
     def part_for_window(self, window: slice) -> tuple[LogSource, slice]:
-        """Source to send to a worker, and the window's rows in it; of a motion, only these rows are sent."""
+        """Source to send to a worker, and the rows of the window in this source.
+
+        A motion in memory is cut to the window, so that only these rows are sent.
+        """
         row_count = window.stop - window.start
         if self.motion is None or len(self.motion) == row_count:
             return self, window
         return replace(self, motion=self.motion[window]), slice(0, row_count)
 
 
-_OPENED: dict[Any, MotionLog] = {}
-"""Logs last decoded in this process, which their windows share."""
+_OPENED_LOGS: dict[Any, MotionLog] = {}
+"""Logs last decoded in this process; all windows of a log share it."""
 _MAX_BYTES_OPENED = 1 << 28
-"""Maximum size of the tables of these logs [bytes]; the last one is kept whatever its size."""
+"""Maximum size of the tables of opened logs [bytes]; the last log is kept whatever its size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,8 +178,8 @@ class LogChecks:
 
     count: int  # number of rows
     doubts: tuple[Doubt, ...]
-    wrong: Array  # times of wrong single rows that are left out [s]
-    pauses: Array  # lengths of the pauses of the time stamps [s]
+    wrong_times: Array  # times of wrong single rows that are left out [s]
+    pause_lengths: Array  # lengths of the pauses of the time stamps [s]
 
     @property
     def kinds(self) -> set[str]:
@@ -184,22 +190,23 @@ class LogChecks:
 def checks_of(log: LogSource) -> LogChecks:
     """Check all rows of a log; wrong single rows are left out if they are few."""
     coordinates = Coordinates.from_model(log.robot.model)
-    count, doubts = log.count, log.doubts()
-    has_position = coordinates.position_of >= 0  # of each velocity
+    count = log.count
+    doubts = log.doubts()
+    has_position = coordinates.position_of >= 0  # mask of velocities with a coordinate of their own
     columns = coordinates.position_of[has_position]
     glitches = SingleRowGlitches(len(columns), coordinates.angular[columns])
-    for portion in slices(count, _PORTION):  # to limit memory
-        first = max(0, portion.start - OVERLAP)
-        rows = log.rows(slice(first, portion.stop))
+    for portion in slices(count, _ROWS_PER_CHECK):
+        first_row = max(0, portion.start - OVERLAP)
+        rows = log.rows(slice(first_row, portion.stop))
         glitches.add(rows.time, rows.q[:, columns])
     wrong_times = glitches.times()
-    are_few = 0 < len(wrong_times) <= max(1.0, _MAX_WRONG_ROWS * count)
-    if are_few:
+    max_wrong_rows = max(1.0, _MAX_WRONG_SHARE * count)
+    if 0 < len(wrong_times) <= max_wrong_rows:
         names = [log.robot.model.velocity_names[k] for k in np.flatnonzero(has_position)]
         other_doubts = [doubt for doubt in doubts if doubt.kind not in ("single-row", "stamp")]
         doubts = (*other_doubts, *row_doubts(glitches, names, left_out=True))
     else:
-        wrong_times = wrong_times[:0]
+        wrong_times = wrong_times[:0]  # all rows stay
     time = log.log.table[:, 0] if log.motion is None else log.motion.time
     return LogChecks(count, doubts, wrong_times, pause_lengths(time))
 
@@ -211,8 +218,8 @@ class WindowRows:
     time: Array  # (n,) [s]
     q: Array  # (n, nq)
     tau: Array  # (n, nv)
-    samples: tuple[SteadySamples, ...]
-    count: int  # rows of the window, including those that are left out
+    samples: tuple[SteadySamples, ...]  # empty if a part of a log has too few rows
+    count: int  # number of rows of the window, including those that are left out
 
 
 def rows_of_window(log: LogSource, window: slice, checks: LogChecks) -> WindowRows:
@@ -220,10 +227,11 @@ def rows_of_window(log: LogSource, window: slice, checks: LogChecks) -> WindowRo
 
     The result depends on the arguments alone.
     """
-    rows, model = log.rows(window), log.robot.model
+    rows = log.rows(window)
+    model = log.robot.model
     is_whole_log = len(rows.time) == checks.count
     time, q, tau = rows.time, continuous(model, rows.q), np.asarray(rows.tau)
-    is_kept = ~spikes(tau).any(axis=1) & ~np.isin(time, checks.wrong)
+    is_kept = ~spikes(tau).any(axis=1) & ~np.isin(time, checks.wrong_times)
     if "repeated" in checks.kinds:
         is_new = new_rows(q)
         if is_new is not None:
@@ -245,12 +253,12 @@ def rows_of_window(log: LogSource, window: slice, checks: LogChecks) -> WindowRo
 
 
 def _with_pauses(time: Array, q: Array) -> Array:
-    """Times (n,) with the pauses that were closed up, where positions q (n, nv) are not held."""
+    """Times (n,) with the pauses that were closed up, where coordinates q (n, nq) are not held."""
     usual_step = float(np.median(np.diff(time)))
-    pause = max(_MIN_CLOSED_PAUSE, _MIN_CLOSED_PAUSE_STEPS * usual_step)
-    moving_gaps = [gap.time for gap in gaps(time, q) if not gap.held]
-    pauses_before = np.searchsorted(moving_gaps, time)  # number of pauses before each row
-    return time + pause * pauses_before
+    pause_length = max(_MIN_CLOSED_PAUSE, _MIN_CLOSED_PAUSE_STEPS * usual_step)
+    pause_times = [gap.time for gap in gaps(time, q) if not gap.held]
+    pauses_before = np.searchsorted(pause_times, time)  # number of pauses before each row
+    return time + pause_length * pauses_before
 
 
 def spread_windows(counts: Sequence[int]) -> list[list[slice]]:
@@ -262,20 +270,20 @@ def spread_windows(counts: Sequence[int]) -> list[list[slice]]:
     if sum(counts) <= MOST_STATES:
         return [[slice(0, n)] for n in counts]
     max_windows = -(-MOST_STATES // WINDOW)  # rounded up
-    # of more logs than windows, some are left out, evenly
+    # if there are more logs than windows, evenly spread logs are used
     used_count = min(max_windows, len(counts))
     used_logs = np.unique(np.linspace(0, len(counts) - 1, used_count).astype(int)).tolist()
-    total = sum(counts[k] for k in used_logs)
+    used_rows = sum(counts[k] for k in used_logs)
     window_counts = [0] * len(counts)
     for k in used_logs:
-        window_counts[k] = max(1, round(max_windows * counts[k] / total))
-    window_rows = MOST_STATES // sum(window_counts)
-    return [spread_rows(n, windows, window_rows) for n, windows in zip(counts, window_counts, strict=True)]
+        window_counts[k] = max(1, round(max_windows * counts[k] / used_rows))
+    rows_per_window = MOST_STATES // sum(window_counts)
+    return [spread_rows(n, windows, rows_per_window) for n, windows in zip(counts, window_counts, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
 class ReadLog:
-    """Log of a fit: results of its checks, and the rows of its windows; ``name`` is the path of one of several files."""
+    """Log of a fit: results of its checks, and the rows of its windows. ``name``: its path, empty for a single file."""
 
     name: str
     checks: LogChecks
@@ -288,7 +296,7 @@ class ReadLog:
 
     @cached_property
     def q(self) -> Array:
-        """(n, nv) positions of the rows."""
+        """(n, nq) coordinates of the rows."""
         return np.concatenate([window.q for window in self.windows])
 
     @cached_property
@@ -298,7 +306,7 @@ class ReadLog:
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
-        """Doubts about all rows, without a model."""
+        """Doubts about all rows that need no model of the dynamics."""
         return self.checks.doubts
 
     @property
@@ -308,11 +316,11 @@ class ReadLog:
 
     @property
     def gaps(self) -> Array:
-        """Lengths of its pauses [s]: of the rows that are used, or of all time stamps if the log is not one window."""
+        """Lengths of the log's pauses [s], of the used rows if the log is one window, otherwise of all time stamps."""
         if "pause" in self.checks.kinds:  # a doubt about closed-up pauses, which have no gaps in time
             return np.zeros(0)
         is_one_window = self.count == self.checks.count
-        return pause_lengths(self.time) if is_one_window else self.checks.pauses
+        return pause_lengths(self.time) if is_one_window else self.checks.pause_lengths
 
     @property
     def samples(self) -> list[SteadySamples]:
@@ -326,16 +334,19 @@ def read_logs(
     """Check logs and read their windows, in the order of the logs; results do not depend on the workers."""
     checks = list(team.results(checks_of, sources, lambda share: progress(0.5 * share)))
     readable = {k: check for k, check in enumerate(checks) if not isinstance(check, Failure)}  # by index of the log
-    calls, log_of_call = list[Callable[[], WindowRows]](), list[int]()
     windows_of_logs = spread_windows([check.count for check in readable.values()])
+    calls = list[Callable[[], WindowRows]]()
+    log_of_call = list[int]()  # index of the log of each call
     for (k, check), windows in zip(readable.items(), windows_of_logs, strict=True):
-        calls += [partial(rows_of_window, *sources[k].part_for_window(window), check) for window in windows]
-        log_of_call += [k] * len(windows)
+        for window in windows:
+            part, part_window = sources[k].part_for_window(window)
+            calls.append(partial(rows_of_window, part, part_window, check))
+            log_of_call.append(k)
     results = team.results(operator.call, calls, lambda share: progress(0.5 + 0.5 * share))
     results_of_logs: list[list[WindowRows | Failure]] = [[] for _ in sources]
     for k, result in zip(log_of_call, results, strict=True):
         results_of_logs[k].append(result)
-    _OPENED.clear()
+    _OPENED_LOGS.clear()  # the memory is free again
     file_count = sum(source.motion is None for source in sources)
     logs = list[ReadLog | Failure]()
     for source, check_or_failure, results_of_log in zip(sources, checks, results_of_logs, strict=True):
@@ -345,7 +356,7 @@ def read_logs(
 
 
 def _read_log(name: str, checks: LogChecks | Failure, windows: Sequence[WindowRows | Failure]) -> ReadLog | Failure:
-    """Log from its checks and windows; the first failure if one of them failed."""
+    """Log from its checks and windows, or the first failure among them."""
     if isinstance(checks, Failure):
         return checks
     read_windows = list[WindowRows]()
@@ -357,7 +368,7 @@ def _read_log(name: str, checks: LogChecks | Failure, windows: Sequence[WindowRo
 
 
 def steady_samples(logs: Sequence[ReadLog]) -> list[SteadySamples]:
-    """Samples of all logs; each has the number of its log if logs have times in common."""
+    """Samples of all logs; each has the number of its log if logs have times in common, otherwise 0."""
     spans = sorted((float(log.time[0]), float(log.time[-1])) for log in logs if len(log.time))
     have_common_times = False
     for (_, end), (next_begin, _) in pairwise(spans):
@@ -365,6 +376,6 @@ def steady_samples(logs: Sequence[ReadLog]) -> list[SteadySamples]:
             have_common_times = True
     samples = list[SteadySamples]()
     for k, log in enumerate(logs, 1):
-        number = k if have_common_times else 0  # 0: times alone tell the logs apart
+        number = k if have_common_times else 0
         samples += [replace(piece, log=number) for piece in log.samples]
     return samples

@@ -35,8 +35,10 @@ from ..motion.motion_log import LogRows, MotionLog
 from ..robot import Robot
 from .parameters import FRICTION, BaseParameters, UnknownParameters
 
-_RUN_COUNT, _ROWS_OF_RUN = 16, 1 << 12
-"""Number of runs of a long log, and rows in each, on which rates are compared with slopes."""
+_RUN_COUNT = 16
+"""Number of runs of a long log on which rates are compared with slopes."""
+_ROWS_PER_RUN = 1 << 12
+"""Number of rows of each run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,18 +111,18 @@ class MotorSide:
         """
         if self.rates is not None:
             return self.rates[self._coupled_indices]
-        rows = []
+        scaled_rows = []
         for j in self._coupled_indices:
-            row = self.ratios[j]
-            scale = row[j]
+            ratios_of_motor = self.ratios[j]
+            scale = ratios_of_motor[j]
             if scale == 0.0:  # the motor does not turn its own joint
-                scale = np.abs(row).max()
-            rows.append(row / scale)
-        return np.array(rows).reshape(-1, len(self.ratios))
+                scale = np.abs(ratios_of_motor).max()
+            scaled_rows.append(ratios_of_motor / scale)
+        return np.array(scaled_rows).reshape(-1, len(self.ratios))
 
     @property
     def coupled_motors(self) -> list[str]:
-        """Names of the motors that turn with several joints; empty if only joints have names."""
+        """Names of the motors that turn with several joints; each is empty if the motors have no names."""
         return [self.names[j] if self.names else "" for j in self._coupled_indices]
 
     @property
@@ -237,18 +239,19 @@ def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: 
     if side is not None and side.names:
         motors = {*side.names} - {*model.velocity_names}
         header = open_motion_file(path, reading.get("topic"), reading.get("episode")).header
-        owners = {cell.partition(".")[0].partition(" ")[0] for cell in header}  # of NAME.quantity and NAME [unit]
-        if not motors.isdisjoint(owners):
-            model = _named_after_motors(model, side.names)
+        names = {cell.partition(".")[0].partition(" ")[0] for cell in header}  # NAME of NAME.quantity and NAME [unit]
+        if not motors.isdisjoint(names):
+            model = _model_named_after_motors(model, side.names)
     return MotionLog.open(path, model, **reading)
 
 
-def _named_after_motors(model: Model, names: Sequence[str]) -> Model:
+def _model_named_after_motors(model: Model, names: Sequence[str]) -> Model:
     """Model whose joints have the names of their motors, without actuators and springs."""
     bodies = list(model.bodies)
     for i, body in enumerate(bodies):
         if not body.follows:
-            bodies[i] = replace(body, joint=replace(body.joint, name=names[body.v_index]))
+            joint = replace(body.joint, name=names[body.v_index])
+            bodies[i] = replace(body, joint=joint)
     return replace(model, bodies=tuple(bodies), actuators={}, springs=())
 
 
@@ -288,25 +291,25 @@ def read_motion(
     >>> read_motion(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), ur5)
     <Motion of 'ur5': 751 states, 0 to 6 s>
     """
-    reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
-    reading |= {"topic": topic, "episode": episode}
+    options: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
+    options |= {"topic": topic, "episode": episode}
     if side is None or side.is_of_joints:
-        return Motion.from_file(path, robot, **reading)
-    log = open_log(path, robot.model, side, **reading)
+        return Motion.from_file(path, robot, **options)
+    log = open_log(path, robot.model, side, **options)
     rows = side.of_joints(log.motion(log.table))
     doubts = sided_doubts(log, side, robot.limits)
-    logged: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau}
-    return Motion(rows.time, rows.q, **logged, in_seconds=True, robot=robot, notes=log.notes, read=doubts)
+    rates_and_torques: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau}
+    return Motion(rows.time, rows.q, **rates_and_torques, in_seconds=True, robot=robot, notes=log.notes, read=doubts)
 
 
 def sided_doubts(log: MotionLog, side: MotorSide, limits: Limits) -> tuple[Doubt, ...]:
     """Doubts about all rows of a log of the motors' side, converted to the joints' side."""
-    runs = [side.of_joints(log.motion(run)) for run in excerpts(log.table, _RUN_COUNT, _ROWS_OF_RUN)]
+    runs = [side.of_joints(log.motion(run)) for run in excerpts(log.table, _RUN_COUNT, _ROWS_PER_RUN)]
     contradictions = Contradictions(log.coordinates, runs=runs)
-    for portion in slices(len(log.table), _RUN_COUNT * _ROWS_OF_RUN):  # to limit memory
-        first = max(0, portion.start - OVERLAP)
-        rows = side.of_joints(log.motion(log.table[first : portion.stop]))
-        contradictions.add(rows.time, rows.q, portion.start - first)
+    for portion in slices(len(log.table), _RUN_COUNT * _ROWS_PER_RUN):  # to limit memory
+        first_row = max(0, portion.start - OVERLAP)
+        rows = side.of_joints(log.motion(log.table[first_row : portion.stop]))
+        contradictions.add(rows.time, rows.q, portion.start - first_row)
     return tuple(contradictions.doubts(limits))
 
 
@@ -375,7 +378,7 @@ def payload_body(robot: Robot, frame: str) -> str:
 
 
 def known_but_for(robot: Robot, link: str) -> dict[str, float]:
-    """Values of the file for all parameters except the ten of one moving body and the offsets of the joints."""
+    """Values of the file, by parameter, for all but the ten parameters of the body of ``link`` and the torque offsets."""
     model = robot.model
     known: dict[str, float] = {}
     parameters_of_bodies = robot.parameters.reshape(-1, len(PARAMETER_NAMES)).tolist()
@@ -383,20 +386,23 @@ def known_but_for(robot: Robot, link: str) -> dict[str, float]:
         if body.link != link and body.link in model.link_inertias:
             names = [f"{body.link}.{name}" for name in PARAMETER_NAMES]
             known |= dict(zip(names, values, strict=True))
-    drives: Mapping[str, Array] = {
+    drive_parameters: Mapping[str, Array] = {
         "motor_inertia": np.broadcast_to(model.armature, robot.nv),
         "viscous": model.friction.viscous,
         "coulomb": model.friction.coulomb,
     }
-    for kind, values_of_joints in drives.items():
+    for kind, values_of_joints in drive_parameters.items():
         names = [f"{name}.{kind}" for name in model.velocity_names]
         known |= dict(zip(names, np.asarray(values_of_joints, float).tolist(), strict=True))
     return known
 
 
 def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, covariance: Array) -> IdentifiedPayload:
-    """Payload: difference between the groups and the file in the ten parameters of the carrying body."""
-    place, names = robot.model.frames[frame], list(base.unknown.names)
+    """Payload: difference between identified groups and the file in the ten parameters of the carrying body.
+
+    ``values`` (r,) are the identified groups, with ``covariance`` (r, r).
+    """
+    names = list(base.unknown.names)
     body = payload_body(robot, frame)
     difference = values - base.project(base.unknown.file_values)
     S = np.zeros((10, base.count))  # selects the body's parameters; undetermined ones keep the values of the file
@@ -406,12 +412,13 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
         S[k, base.kept == names.index(name)] = 1.0
         if not S[k].any():
             undetermined.append(name)
-    T = np.linalg.inv(place.pose)
-    in_frame = [SpatialInertia.from_parameters(e).in_frame(T).parameters for e in np.eye(10)]
-    A = np.stack(in_frame, axis=1) @ S  # (10, r): parameters in the payload's frame by the groups
+    T = np.linalg.inv(robot.model.frames[frame].pose)
+    unit_inertias = [SpatialInertia.from_parameters(unit_vector) for unit_vector in np.eye(10)]
+    columns = [inertia.in_frame(T).parameters for inertia in unit_inertias]
+    A = np.stack(columns, axis=1) @ S  # (10, r): parameters in the payload's frame by the groups
     G = SpatialInertia.from_parameters(A @ difference)
     C = A @ covariance @ A.T
-    m, mc = PARAMETER_NAMES.index("m"), PARAMETER_NAMES.index("mcx")
+    m, mc = PARAMETER_NAMES.index("m"), PARAMETER_NAMES.index("mcx")  # rows of the mass and of the first moment
     J = np.zeros((3, 10))  # derivatives of the centre of mass c = (m c) / m
     J[:, mc : mc + 3] = np.eye(3) / G.mass
     J[:, m] = -np.asarray(G.com) / G.mass
@@ -430,13 +437,17 @@ def unknown_of(
     payload_only: str | None,
     stribeck_speed: float,
 ) -> UnknownParameters:
-    """Unknown parameters; for a payload alone, all parameters except the payload and the torque offsets are known."""
-    held = dict(known or {})
+    """Unknown parameters of a fit.
+
+    If ``payload_only`` names the frame of a payload, only the payload and the torque offsets are unknown.
+    """
+    known_values = dict(known or {})
     if payload_only is not None:
         refuse_couplings(robot.model, "identification of a payload alone")
-        held = known_but_for(robot, payload_body(robot, payload_only)) | held  # the caller's values take precedence
+        file_values = known_but_for(robot, payload_body(robot, payload_only))
+        known_values = file_values | known_values  # the caller's values take precedence
         motor_inertia, friction = True, FRICTION
-    return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held, stribeck_speed)
+    return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, known_values, stribeck_speed)
 
 
 complete(globals())

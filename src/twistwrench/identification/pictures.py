@@ -35,12 +35,12 @@ _DEFAULT_SPEED = 2.0
 """Maximum speed of a curve for joints without a limit [rad/s, m/s]."""
 _BAR_WIDTH = 0.2
 """Width of each of the four bars of a joint; joints are 1 apart."""
-_LAWS = ("viscous", "coulomb", "stribeck", "offset")
-"""Parameters of friction, in the order of the columns of a curve."""
+_BAR_TEXT_TOP = 99.0
+"""Upper end of a text in a bar that is cut off at 100 %."""
 
 
-def frictional(found: IdentifiedRobot) -> list[int]:
-    """Joints with identified friction; an offset alone is not friction."""
+def joints_with_friction(found: IdentifiedRobot) -> list[int]:
+    """Indices of velocities with identified friction; an offset alone is not friction."""
     joints: list[int] = []
     for k, name in enumerate(found.original.velocity_names):
         friction_groups = {f"{name}.viscous", f"{name}.coulomb", f"{name}.stribeck"}
@@ -50,21 +50,27 @@ def frictional(found: IdentifiedRobot) -> list[int]:
 
 
 def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
-    """Draw friction over speed for each joint, with its 95 % band, and that of the file.
+    """Draw identified friction over speed for each joint, with its 95 % band, and the friction of the file.
 
     Friction is viscous dq + (coulomb + stribeck exp(-(dq / v_s)²)) tanh(dq / v_0) + offset.
     """
     model = found.original.model
-    kinds, friction = Coordinates.from_model(model), model.friction
-    for axes, k in zip(grid, frictional(found), strict=True):
-        name, turns = found.original.velocity_names[k], bool(kinds.angular_velocity[k])
+    coordinates = Coordinates.from_model(model)
+    for axes, k in zip(grid, joints_with_friction(found), strict=True):
+        name = found.original.velocity_names[k]
+        is_angular = bool(coordinates.angular_velocity[k])
         max_speed = float(model.limits.velocity[k])
         if not np.isfinite(max_speed):
             max_speed = _DEFAULT_SPEED
         dq = np.linspace(-1, 1, _CURVE_POINTS) * max_speed
         smooth_sign = np.tanh(dq / found.settings.friction_speed[k])
         fading = np.exp(-((dq / found.base.unknown.stribeck_speed) ** 2))
-        column_by_law = dict(zip(_LAWS, (dq, smooth_sign, fading * smooth_sign, np.ones_like(dq)), strict=True))
+        column_by_law = {
+            "viscous": dq,
+            "coulomb": smooth_sign,
+            "stribeck": fading * smooth_sign,
+            "offset": np.ones_like(dq),
+        }
         groups: list[int] = []
         columns: list[Any] = []
         for law, column in column_by_law.items():
@@ -73,22 +79,23 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
                 columns.append(column)
         W = np.stack(columns, axis=1)
         torque = W @ found.values[groups]
-        variance = np.einsum("ni,ij,nj->n", W, found.covariance.matrix[np.ix_(groups, groups)], W)
+        covariance = found.covariance.matrix[np.ix_(groups, groups)]
+        variance = np.einsum("ni,ij,nj->n", W, covariance, W)
         half_width = _BAND * np.sqrt(np.maximum(variance, 0.0))
         axes.fill_between(dq, torque - half_width, torque + half_width, color=style.PALE, linewidth=0, label="95 %")
         axes.plot(dq, torque, color=style.LINE, linewidth=1.2, label="identified")
-        file_torque = friction.viscous[k] * dq + friction.coulomb[k] * smooth_sign
+        file_torque = model.friction.viscous[k] * dq + model.friction.coulomb[k] * smooth_sign
         axes.plot(dq, file_torque, "--", color=style.VERMILION, linewidth=1, label="file")
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
-        axes.set_title(f"{name} [{unit_of('tau', turns)}]", loc="left")
-        axes.set_xlabel("speed [rad/s]" if turns else "speed [m/s]")
+        axes.set_title(f"{name} [{unit_of('tau', is_angular)}]", loc="left")
+        axes.set_xlabel("speed [rad/s]" if is_angular else "speed [m/s]")
         axes.tick_params(labelsize=style.SMALL_FONT)
     grid[0].legend()
 
 
 def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
-    """Draw residual torques over time for held-out and training rows; outliers are marked."""
-    kinds = Coordinates.from_model(found.original.model)
+    """Draw residual torques of held-out rows over time, with the 95 % band of training rows; outliers are marked."""
+    coordinates = Coordinates.from_model(found.original.model)
     for j, (axes, name) in enumerate(zip(grid, found.held_out.names, strict=True)):
         sigma = float(found.sigma[j])
         axes.axhspan(-_BAND * sigma, _BAND * sigma, color=style.PALE, linewidth=0, label="95 % of training rows")
@@ -99,7 +106,7 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
             axes.plot(rows.time[is_outlier], residuals[is_outlier], ".", color=style.VERMILION, markersize=2.5)
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
         axes.set_title(name, loc="left")
-        axes.set_ylabel(unit_of("tau", bool(kinds.angular_velocity[j])))
+        axes.set_ylabel(unit_of("tau", bool(coordinates.angular_velocity[j])))
     grid[0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.97))  # above the points
     grid[-1].set_xlabel("time in its log [s]")
 
@@ -107,10 +114,11 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
 def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
     """Draw the residual of each joint's torque for the file, the file with friction, groups and consistent bodies.
 
-    Bars are cut off at the whole torque; larger values are written on them.
+    Bars are cut off at 100 % of the torque; larger values are written on them.
     """
-    residuals, names = found.residuals, list(found.held_out.names)
-    models = (
+    residuals = found.residuals
+    names = list(found.held_out.names)
+    models = (  # label, share of each joint, colour
         ("file", residuals.file, style.PALE),
         ("file, friction fitted", residuals.with_friction, style.VERMILION),
         ("identified", residuals.identified, style.BLUE),
@@ -122,7 +130,7 @@ def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
         axes.bar(x, np.minimum(100 * shares, 100.0), _BAR_WIDTH, color=colour, label=label)
         for j in np.flatnonzero(shares > 1.0):
             share_text = percent(shares[j], 3)
-            axes.text(x[j], 99.0, share_text, rotation=90, ha="center", va="top", fontsize=style.SMALL_FONT)
+            axes.text(x[j], _BAR_TEXT_TOP, share_text, rotation=90, ha="center", va="top", fontsize=style.SMALL_FONT)
     axes.set_xticks(joint_places, names, fontsize=style.SMALL_FONT)
     axes.set_ylabel("% unexplained, 5-fold cross-validation")
     axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
@@ -130,13 +138,14 @@ def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
 
 def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
     """Draw inertia ellipsoids of the moving bodies, identified and from the file: a row per body, a view per axis."""
-    unknown, inertias = found.base.unknown, found.consistent.inertias
-    for row, i in zip(grid, unknown.bodies, strict=True):
+    unknown = found.base.unknown
+    for axes_of_body, i in zip(grid, unknown.bodies, strict=True):
         body = unknown.model.bodies[i]
-        ellipsoids = [(inertias[i], style.BLUE, "-", "identified"), (body.inertia, style.VERMILION, "--", "file")]
-        for axes, view in zip(row, VIEWS, strict=True):
+        identified = (found.consistent.inertias[i], style.BLUE, "-", "identified")
+        ellipsoids = [identified, (body.inertia, style.VERMILION, "--", "file")]
+        for axes, view in zip(axes_of_body, VIEWS, strict=True):
             draw_inertias(axes, ellipsoids, view)
-        row[0].set_title(body.link, loc="left")
+        axes_of_body[0].set_title(body.link, loc="left")
     grid[0][2].legend(loc="upper right")
 
 
@@ -147,9 +156,16 @@ _MAX_GROUPS = 80
 _MAX_NAMED_GROUPS = 30
 """Largest number of groups whose names are written at the axis."""
 _MAX_NAME_LENGTH = 22
-_MAX_POOR_DEVIATION = 0.3
+"""Characters of a parameter's name at the axis."""
+_MIN_POOR_DEVIATION = 0.3
 """Standard deviation of a group, as a share of its value, above which it is poorly determined."""
+_MIN_SIZE = 1e-300
+"""Smallest size of a group, so that zero is not divided by zero."""
 _PANELS_IN_ROW = 4
+_JOINT_HEIGHT = 2.1
+"""Height of the torques and residuals of a joint [in]."""
+_PLOT_HEIGHTS = [3.0, 1.3]
+"""Relative heights of the torques and of the residuals of a joint."""
 _PURPOSE = "Drawing the identification"
 """Use of matplotlib, for the message if it is not installed."""
 
@@ -174,15 +190,17 @@ def pictures_of_plots(plots: Mapping[str, Plot]) -> Iterable[Picture]:
 def plot_identification(found: IdentifiedRobot, path: Any) -> Path:
     """Draw measured and predicted torques of held-out rows, groups with intervals, and the weight of the prior."""
     names = found.held_out.names
-    height = 2.1 * len(names) + 4.6
+    torques_height = _JOINT_HEIGHT * len(names)
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
-    with style.figure(11.0, height, title, _PURPOSE) as drawn:
-        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[2.1 * len(names), 4.4]))
+    with style.figure(
+        11.0, torques_height + 4.6, title, _PURPOSE
+    ) as figure:  # 4.4 in for the lower plots, and a margin
+        upper, lower = cast("Any", figure.subfigures(2, 1, height_ratios=[torques_height, 4.4]))
         _draw_torques(upper, found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
         _draw_groups(left, found)
         _draw_prior_weights(right, found)
-        return style.save(drawn, path)
+        return style.save(figure, path)
 
 
 def identification_pictures(found: IdentifiedRobot) -> list[Picture]:
@@ -199,28 +217,39 @@ def identification_pictures(found: IdentifiedRobot) -> list[Picture]:
 
 def _plots_of_report(found: IdentifiedRobot) -> list[Picture]:
     """Torques, residuals, friction, groups, the weight of the prior, and bodies."""
-    names, body_count = found.held_out.names, len(found.base.unknown.bodies)
-    friction_count = len(frictional(found))
+    names = found.held_out.names
+    body_count = len(found.base.unknown.bodies)
+    friction_count = len(joints_with_friction(found))
 
-    def draw_all_bodies(drawn: Any) -> None:
-        draw_bodies(drawn.subplots(body_count, 3, squeeze=False), found)
+    def draw_all_bodies(figure: Any) -> None:
+        draw_bodies(figure.subplots(body_count, 3, squeeze=False), found)
 
-    def draw_all_friction(drawn: Any) -> None:
-        draw_friction(style.panels(drawn, friction_count, _PANELS_IN_ROW), found)
+    def draw_all_friction(figure: Any) -> None:
+        draw_friction(style.panels(figure, friction_count, _PANELS_IN_ROW), found)
 
     # title, width and height [in], and function that draws into a figure
     plots: list[tuple[str, float, float, Callable[[Any], None]]] = [
-        ("Torques of rows held out", 10.0, 2.1 * len(names) + 0.6, lambda drawn: _draw_torques(drawn, found)),
-        ("Residuals", 10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found)),
-        ("Residuals in time", 10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, names), found)),
+        (
+            "Torques of rows held out",
+            10.0,
+            _JOINT_HEIGHT * len(names) + 0.6,
+            lambda figure: _draw_torques(figure, found),
+        ),
+        ("Residuals", 10.0, 3.0, lambda figure: draw_residual_bars(figure.subplots(), found)),
+        (
+            "Residuals in time",
+            10.0,
+            1.2 * len(names) + 0.6,
+            lambda figure: draw_residuals(_panel_rows(figure, names), found),
+        ),
     ]
     if friction_count:
         panel_rows, _ = style.panel_grid(friction_count, _PANELS_IN_ROW)
         plots.append(("Friction", 10.0, 2.3 * panel_rows, draw_all_friction))
     prior_title = "Physically consistent bodies: weight of the prior"
     plots += [
-        ("Groups of parameters", 10.0, 4.4, lambda drawn: _draw_groups(drawn.subplots(), found)),
-        (prior_title, 7.0, 3.0, lambda drawn: _draw_prior_weights(drawn.subplots(), found)),
+        ("Groups of parameters", 10.0, 4.4, lambda figure: _draw_groups(figure.subplots(), found)),
+        (prior_title, 7.0, 3.0, lambda figure: _draw_prior_weights(figure.subplots(), found)),
         ("Bodies in the file and identified", 9.0, 2.5 * body_count, draw_all_bodies),
     ]
     return [Picture(title, style.page_svg(_plot(width, height, draw, title))) for title, width, height, draw in plots]
@@ -230,28 +259,31 @@ def _plot(width: float, height: float, draw: Callable[[Any], None], title: str) 
     """Function that draws a figure into a file."""
 
     def plot(path: Path) -> None:
-        with style.figure(width, height, title, _PURPOSE) as drawn:
-            draw(drawn)
-            style.save(drawn, path)
+        with style.figure(width, height, title, _PURPOSE) as figure:
+            draw(figure)
+            style.save(figure, path)
 
     return plot
 
 
-def _rows(drawn: Any, names: Sequence[str]) -> list[Any]:
+def _panel_rows(figure: Any, names: Sequence[str]) -> list[Any]:
     """One panel for each name, one below another."""
-    return style.panels(drawn, len(names), 1, sharex=True)
+    return style.panels(figure, len(names), 1, sharex=True)
 
 
-def _draw_torques(drawn: Any, found: IdentifiedRobot) -> None:
+def _draw_torques(figure: Any, found: IdentifiedRobot) -> None:
     """Draw measured and predicted torques of each joint, and below them residuals with their 95 % band."""
-    parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
+    parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))  # by log, then time
     begins = _begins_of_logs(parts)
     units = units_of("tau", Coordinates.from_model(found.original.model).angular_velocity)
     names = found.held_out.names
-    grid = drawn.subplots(2 * len(names), 1, sharex=True, squeeze=False, height_ratios=[3, 1.3] * len(names))[:, 0]
+    grid = figure.subplots(2 * len(names), 1, sharex=True, squeeze=False, height_ratios=_PLOT_HEIGHTS * len(names))[
+        :, 0
+    ]
     for j, (name, torque_axes, residual_axes) in enumerate(zip(names, grid[::2], grid[1::2], strict=True)):
-        colour, band = style.SERIES[j % len(style.SERIES)], _BAND * found.sigma[j]
-        residual_axes.axhspan(-band, band, color=style.PALE, linewidth=0, label="95 % of residuals")
+        colour = style.SERIES[j % len(style.SERIES)]
+        half_width = _BAND * found.sigma[j]
+        residual_axes.axhspan(-half_width, half_width, color=style.PALE, linewidth=0, label="95 % of residuals")
         for k, rows in enumerate(parts):
             t = rows.time + np.array([begins[float(log)] for log in rows.log])
             # one entry in the legend for all parts
@@ -263,8 +295,8 @@ def _draw_torques(drawn: Any, found: IdentifiedRobot) -> None:
             residual_axes.plot(t, rows.measured[:, j] - rows.predicted[:, j], ".", label=residual, **small_dot)
         residual_axes.axhline(0.0, color=style.AXIS, linewidth=0.7)
         share = found.held_out.joints[name]
-        title = f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque"
-        torque_axes.set_title(title, loc="left")
+        share_text = f"{percent(share, 3)} left" if math.isfinite(share) else "no torque"
+        torque_axes.set_title(f"{name}: {share_text}", loc="left")
         torque_axes.set_ylabel(units[j])
         residual_axes.set_ylabel(units[j])
     torque_handles, torque_labels = grid[0].get_legend_handles_labels()
@@ -275,34 +307,35 @@ def _draw_torques(drawn: Any, found: IdentifiedRobot) -> None:
 
 
 def _begins_of_logs(parts: Sequence[HeldOutRows]) -> dict[float, float]:
-    """Time [s] at which each log begins in a plot, with logs one after another."""
+    """Time [s] at which each log begins in a plot with logs one after another, by number of the log."""
     ends = dict[float, float]()
     for rows in parts:
         for log in np.unique(rows.log):
             end = float(rows.time[rows.log == log].max())
             ends[float(log)] = max(ends.get(float(log), 0.0), end)
     logs = sorted(ends)
-    begins = itertools.accumulate((ends[log] for log in logs[:-1]), initial=0.0)
+    begins = itertools.accumulate((ends[log] for log in logs[:-1]), initial=0.0)  # sums of the logs before
     return dict(zip(logs, begins, strict=True))
 
 
 def _draw_groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     """Draw groups with intervals, in units of the larger of file value and estimate; the file value is a tick."""
     half_widths = found.covariance.half_width()
-    size = np.maximum(np.maximum(np.abs(found.values), np.abs(found.prior.mean)), 1e-300)
+    larger_value = np.maximum(np.abs(found.values), np.abs(found.prior.mean))
+    size = np.maximum(larger_value, _MIN_SIZE)
     k = np.arange(min(len(size), _MAX_GROUPS))
-    is_poor = (found.standard_deviations > _MAX_POOR_DEVIATION * np.abs(found.values))[k]
+    is_poor = found.standard_deviations[k] > _MIN_POOR_DEVIATION * np.abs(found.values[k])
     for mask, colour, label in ((~is_poor, style.GREEN, "determined"), (is_poor, style.AMBER, "poorly determined")):
         if mask.any():
-            drawn = k[mask]
-            y = found.values[drawn] / size[drawn]
-            bars = np.clip(half_widths[drawn] / size[drawn], 0, 2)
-            axes.errorbar(drawn, y, bars, fmt="o", markersize=3, linewidth=1, color=colour, label=label)
+            groups = k[mask]
+            y = found.values[groups] / size[groups]
+            bars = np.clip(half_widths[groups] / size[groups], 0, 2)
+            axes.errorbar(groups, y, bars, fmt="o", markersize=3, linewidth=1, color=colour, label=label)
     axes.plot(k, found.prior.mean[k] / size[k], "_", color=style.VERMILION, markersize=7, label="file")
     axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
-    axes.set_ylim(-1.6, 1.6)
+    axes.set_ylim(-1.6, 1.6)  # values are from -1 to 1
     if len(k) <= _MAX_NAMED_GROUPS:
-        axes.set_xticks(k, [_short(found.groups[i]) for i in k], rotation=55, ha="right", rotation_mode="anchor")
+        axes.set_xticks(k, [_short_name(found.groups[i]) for i in k], rotation=55, ha="right", rotation_mode="anchor")
         axes.tick_params(axis="x", labelsize=style.SMALL_FONT)
     else:
         axes.set_xlabel("group, in the order of the table")
@@ -310,16 +343,16 @@ def _draw_groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     axes.legend(ncols=3, loc="lower right")
 
 
-def _short(group: str) -> str:
+def _short_name(group: str) -> str:
     """Short name of a group: its first parameter."""
-    first, plus, _ = group.partition(" + ")
-    if len(first) > _MAX_NAME_LENGTH:
-        first = f"{first[:_MAX_NAME_LENGTH]}…"
-    return f"{first} + …" if plus else first
+    parameter, plus, _ = group.partition(" + ")
+    if len(parameter) > _MAX_NAME_LENGTH:
+        parameter = f"{parameter[:_MAX_NAME_LENGTH]}…"
+    return f"{parameter} + …" if plus else parameter
 
 
 def _draw_prior_weights(axes: style.Axes, found: IdentifiedRobot) -> None:
-    """Draw the held-out residual of consistent bodies over the weight of the prior, and that of the file's bodies."""
+    """Draw the held-out residual of consistent bodies over the weight of the prior, and the residual of the file's bodies."""
     strengths, shares = np.array(found.consistent.curve).T
     axes.semilogx(strengths, 100 * shares, "o-", color=style.BLUE, markersize=3, label="physically consistent bodies")
     axes.axhline(100 * found.consistent.of_file, color=style.VERMILION, linewidth=1, label="the file's, with friction")

@@ -41,21 +41,22 @@ def pose(T: ArrayLike, name: str) -> Array:
 def _as_given_or_projected(
     X: Array, name: str, check: Callable[[Array, str], Array], project: Callable[[Array, float], Array]
 ) -> Array:
-    """X if it passes a check, otherwise its projection if that is near."""
+    """X if it passes a check, otherwise its projection; raises ValueRangeError if the projection is not near."""
     try:
         return check(X, name)
     except ValueRangeError:
         try:
             return project(X, MAX_ROUNDING)
         except ValueRangeError as problem:
-            reason = str(problem).partition(".project: ")[2] or str(problem)
+            _, _, text = str(problem).partition(".project: ")  # the message without the function's name
+            reason = text or str(problem)
             raise ValueRangeError(f"{name}: {reason} mr.ProjectToSO3 and mr.ProjectToSE3 take any.") from None
 
 
 def skew(W: ArrayLike, name: str) -> Array:
     """Check W (..., 3, 3): W + W' must be zero to a hundredth of the largest entry of W, for rounded input."""
     W = arguments.real(W, name, 3, 3)
-    if W.ndim == 2:  # most calls end here, faster than by array operations
+    if W.ndim == 2:  # most calls end here, which is faster than array operations
         (a, b, c), (d, e, f), (g, h, i) = W.tolist()
         if a == e == i == b + d == c + g == f + h == 0.0:
             return W
@@ -77,6 +78,6 @@ def twist_matrix(X: ArrayLike, name: str) -> Array:
     X = arguments.real(X, name, 4, 4)
     skew(X[..., :3, :3], name)
     if X.ndim != 2 or X[3].tolist() != [0.0, 0.0, 0.0, 0.0]:
-        complaint = f"{name} has no last row of zeros: an entry is {{gap}} off, allowed {{allowed}}"
-        arguments.refuse(np.abs(X[..., 3:, :]), arguments.TOLERANCE, complaint)
+        message = f"{name} has no last row of zeros: an entry is {{gap}} off, allowed {{allowed}}"
+        arguments.refuse(np.abs(X[..., 3:, :]), arguments.TOLERANCE, message)
     return X

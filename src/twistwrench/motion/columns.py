@@ -70,15 +70,17 @@ class Choice:
     """Column of a file, with its unit if given."""
 
     column: int
+    """Index in the file."""
     unit: str | None = None
+    """Unit as written; None if neither the column's name nor the caller gives one."""
     gain: float | None = None
-    """Torque per unit of a current column."""
+    """Torque per unit of a current column; None for other columns."""
 
 
 _NO_COLUMN = Choice(-1)
-"""Column of a joint without one."""
+"""Stands for the missing column of a joint."""
 _DEFAULT_UNITS = {CURRENT: "A"}
-"""Units that follow from the quantity, if the column names none."""
+"""Units, by quantity, of columns whose names have no unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,7 @@ class Reading:
 
     path: Path
     columns: Mapping[str, str] | None = None
-    """Columns by quantity (``{"elbow": "pos3", "elbow.vel": "w3", "time": "stamp [ms]"}``); others are found by name.
+    """Columns by quantity (``{"elbow": "pos3", "elbow.vel": "w3", "time": "stamp [ms]"}``). Other columns are found by name.
 
     ``LOG:JOINT`` applies only to the log with that path or name.
     """
@@ -130,8 +132,8 @@ class Assignment:
         """True if torques of coupled joints are motor torques, according to the column names."""
         if self.of_motors:
             self.names["tau"] = coordinates.drive_names
-        self.free = [k for k, cell in enumerate(cells) if cell]
-        """Unassigned columns."""
+        self.free_columns = [k for k, cell in enumerate(cells) if cell]
+        """Indices of unassigned columns."""
         self.column_names: list[str] = []
         """Name of each column without its unit; joint names that end in brackets are kept whole."""
         self.units: list[str | None] = []
@@ -142,17 +144,19 @@ class Assignment:
                 name, unit = cell, None
             self.column_names.append(name)
             self.units.append(unit)
-        self.given: dict[str, dict[int, Choice]] = {}
-        """Columns assigned to the entries of each part of the motion, by entry."""
-        self.requested_names: dict[str, set[int]] = {}
-        """Indices of the coordinates whose columns the caller named, by part."""
+        self.assigned: dict[str, dict[int, Choice]] = {}
+        """Columns assigned to the entries of each part of the motion, by index of the entry."""
+        self.requested_entries: dict[str, set[int]] = {}
+        """Indices of the entries whose columns the caller named, by part."""
         for part in PARTS:
-            self.given[part] = {}
-            self.requested_names[part] = set()
+            self.assigned[part] = {}
+            self.requested_entries[part] = set()
         self.notes: list[str] = []
+        """Sentences about assumptions."""
         self.degrees = reading.degrees
         """True if angles without a unit are in degrees, by the option or by the names of the columns."""
         self.time: Choice | None = None
+        """Column of time; None without one."""
         self.mimic_joints: list[tuple[MimicJoint, Choice]] = []
         self.of_locked: list[str] = []
         """Columns of locked joints."""
@@ -162,10 +166,13 @@ class Assignment:
     def _names_motors(self) -> bool:
         """True if a column, or an entry of the option ``columns``, has the name of a coupled motor."""
         endings = ("", f".{CURRENT}", *READ["tau"])
-        names = [split_unit(cell)[0] for cell in self.cells]
+        names: list[str] = []
+        for cell in self.cells:
+            name, _ = split_unit(cell)
+            names.append(name)
         names += self.reading.columns or {}
         for name in names:
-            name_without_log = name.rpartition(":")[2]
+            _, _, name_without_log = name.rpartition(":")
             for ending in endings:
                 is_motor = name_without_log.removesuffix(ending) in self.motors
                 if is_motor and name_without_log.endswith(ending):
@@ -183,7 +190,7 @@ class Assignment:
     ) -> Assignment:
         """Assign the header's columns to the robot's coordinates; raises TrajectoryError and UnknownNameError.
 
-        ``first_numbers`` returns the first numbers of a column.
+        ``first_numbers`` returns the first numbers of a column, by index.
         """
         check_header(cells, where)
         assignment = cls(cells, where, coordinates, reading)
@@ -191,13 +198,14 @@ class Assignment:
         assignment.time = assignment.assign_time(requested.pop(("time", 0), None), reading.rate, first_numbers)
         for (part, k), choice in requested.items():
             assignment.assign(part, k, choice)
-            assignment.requested_names[part].add(k)
+            assignment.requested_entries[part].add(k)
         assignment.assign_by_exact_name()
         assignment.assign_by_words()
         mimic_joint_names = [follower.name for follower in coordinates.mimic_joints]
         assignment.assign_by_rules([*reading.locked, *mimic_joint_names])
         assignment.take_currents()
-        assignment.time = assignment.time or assignment.rising_time(first_numbers)
+        if assignment.time is None:
+            assignment.time = assignment.rising_time(first_numbers)
         assignment.assign_mimic_joints(coordinates.mimic_joints)
         assignment.sort_out_unread(reading.locked)
         assignment.check_complete(first_numbers)
@@ -209,22 +217,22 @@ class Assignment:
     def assign_mimic_joints(self, followers: Sequence[MimicJoint]) -> None:
         """Assign columns with the names of mimic joints, which are compared with their leaders."""
         for follower in followers:
-            columns_of_follower = [k for k in self.free if self.column_names[k] == follower.name]
+            columns_of_follower = [k for k in self.free_columns if self.column_names[k] == follower.name]
             if columns_of_follower:
                 self.mimic_joints.append((follower, self.choice(columns_of_follower[0])))
 
     def sort_out_unread(self, locked: Sequence[str]) -> None:
-        """Sort the columns that are not read into those of locked joints and those without a known meaning."""
+        """Sort the columns that are not read into columns of locked joints and columns without a known meaning."""
         explained = {choice.column for _, choice in self.mimic_joints}
-        for k in self.free:
+        for k in self.free_columns:
             if belongs(self.column_names[k], locked):
                 self.of_locked.append(self.cells[k])
                 explained.add(k)
-        if len(self.given["tau"]) < len(self.names["tau"]):
+        if len(self.assigned["tau"]) < len(self.names["tau"]):
             # Torques are only compared with others, so some joints may lack them.
-            self.free += [choice.column for choice in self.given["tau"].values()]
-            self.given["tau"] = {}
-        for k in sorted(self.free):
+            self.free_columns += [choice.column for choice in self.assigned["tau"].values()]
+            self.assigned["tau"] = {}
+        for k in sorted(self.free_columns):
             cell = self.cells[k]
             if k not in explained and not (is_result(cell) or is_command(cell)):
                 self.extra.append(cell)
@@ -253,18 +261,18 @@ class Assignment:
 
     def free_names(self) -> dict[int, str]:
         """Names of the unassigned columns, without their units."""
-        return {column: self.column_names[column] for column in self.free}
+        return {column: self.column_names[column] for column in self.free_columns}
 
     def without_column(self, part: str) -> list[int]:
-        """Indices of the coordinates that have no column of a part of the motion."""
-        return [k for k in range(len(self.names[part])) if k not in self.given[part]]
+        """Indices of the entries of a part of the motion that have no column."""
+        return [k for k in range(len(self.names[part])) if k not in self.assigned[part]]
 
     def found_text(self) -> str:
         """List of the column names, for the end of an error message."""
         return f"found: {listed([cell or '(no name)' for cell in self.cells])}."
 
-    def column(self, name: str, given: Argument) -> Choice:
-        """Column by name, with or without its unit; errors name the argument that was given."""
+    def column(self, name: str, source: Argument) -> Choice:
+        """Column by name, with or without its unit; errors name ``source``, the argument that names the column."""
         name_without_unit, unit = split_unit(name)
         matches = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
         if not matches:
@@ -272,7 +280,7 @@ class Assignment:
         if not matches:
             hint = _suggestion(name, list(filter(None, self.cells)))
             raise TrajectoryError(
-                f"{self.where}: no column {name!r}, which {{0}} names.{hint} {self.found_text()}", given
+                f"{self.where}: no column {name!r}, which {{0}} names.{hint} {self.found_text()}", source
             )
         if len(matches) > 1:
             raise self.repetition_error(name.strip(), len(matches))
@@ -283,14 +291,14 @@ class Assignment:
         return TrajectoryError(f"{self.where}: column {name!r} is there {count} times. Keep one of them.")
 
     def assign(self, part: str, k: int, choice: Choice) -> None:
-        """Assign a column to a coordinate."""
-        self.given[part][k] = choice
+        """Assign a column to entry k of a part of the motion."""
+        self.assigned[part][k] = choice
         self.use(choice.column)
 
     def use(self, column: int) -> None:
-        """Remove a column from the unassigned ones."""
-        if column in self.free:
-            self.free.remove(column)
+        """Remove a column from the unassigned columns."""
+        if column in self.free_columns:
+            self.free_columns.remove(column)
 
     def requested_choices(self, columns: Mapping[str, str]) -> dict[tuple[str, int], Choice]:
         """Columns of the option ``columns``, by part and coordinate index."""
@@ -346,9 +354,9 @@ class Assignment:
         """Entries of ``columns`` for this log; entries with its path or name as prefix override general ones."""
         for_all_logs, for_this_log = dict[str, str](), dict[str, str]()
         for key, column in columns.items():
-            # LOG:JOINT, where either name may contain a colon: the longest known ending is the joint.
+            # The key is LOG:JOINT, but either name may contain a colon: the longest known ending is the joint.
             endings = [name for name in known if key.endswith(f":{name}")]
-            coordinate = max(endings, key=len, default="")
+            coordinate = max(endings, key=len, default="")  # empty for a key without a log
             if key in known or not coordinate:
                 for_all_logs[key] = column
                 continue
@@ -358,14 +366,14 @@ class Assignment:
         return for_all_logs | for_this_log
 
     def take_currents(self) -> None:
-        """Convert currents in torque columns by the gains; raises TrajectoryError if the unit is that of a torque."""
+        """Convert currents in torque columns by the gains; raises TrajectoryError for a column in a unit of torque."""
         names = self.names["tau"]
         gains = self.reading.gain or {}
         for name in gains:
             if name.removesuffix(f".{CURRENT}") not in {*names} | self.motors:
                 raise UnknownNameError.from_choices(f"joint (of {argument('gain')})", name, names)
-        for k, choice in self.given["tau"].items():
-            amperes_per_unit: float | None = 1.0  # None: the unit is not that of a current
+        for k, choice in self.assigned["tau"].items():
+            amperes_per_unit: float | None = 1.0  # None if the unit is not a unit of current
             gain = gains.get(names[k])
             if choice.unit is not None:
                 amperes_per_unit = current_factor(choice.unit)
@@ -378,30 +386,30 @@ class Assignment:
                     Argument("gain"),
                 )
             if gain is not None and amperes_per_unit is not None:
-                self.given["tau"][k] = replace(choice, gain=gain * amperes_per_unit)
+                self.assigned["tau"][k] = replace(choice, gain=gain * amperes_per_unit)
 
     def assign_time(
         self, requested: Choice | None, rate: float | None, first_numbers: Callable[[int], Array]
     ) -> Choice | None:
         """Time column by name or unit; None if there is none. With a ``rate``, it may only have row numbers."""
-        named = self._columns_named_time()
+        named_columns = self._columns_named_time()
         if rate is not None:
-            return self._row_numbers(requested, named, first_numbers)
-        if requested is None and not named:
+            return self._row_numbers(requested, named_columns, first_numbers)
+        if requested is None and not named_columns:
             columns_with_time_unit = {}
-            for k in self.free:
+            for k in self.free_columns:
                 if time_factor(self.units[k] or "") is not None:
                     columns_with_time_unit[k] = self.cells[k]
             rising = rising_columns(columns_with_time_unit, first_numbers)
             if len(rising) != 1:
                 return None
             requested = self.choice(rising[0])
-        if requested is None and len(named) > 1:
+        if requested is None and len(named_columns) > 1:
             raise TrajectoryError(
-                f"{self.where}: two time columns, {listed(self.cells_of(named))}. Keep one of them, or choose: {{0}}.",
-                Argument("columns", {"time": self.cells[named[0]]}),
+                f"{self.where}: two time columns, {listed(self.cells_of(named_columns))}. Keep one of them, or choose: {{0}}.",
+                Argument("columns", {"time": self.cells[named_columns[0]]}),
             )
-        choice = requested or self._named_time(named[0])
+        choice = requested or self._named_time(named_columns[0])
         unit_by_numbers = self._time_unit_by_numbers(choice, first_numbers)
         if unit_by_numbers is not None:
             choice = unit_by_numbers
@@ -417,32 +425,33 @@ class Assignment:
 
     def _columns_named_time(self) -> list[int]:
         """Unassigned columns with the most certain name for time; several if they have the same rank."""
-        by_rank: dict[tuple[bool, int], list[int]] = {}
-        for k in sorted(self.free):
+        columns_by_rank: dict[tuple[bool, int], list[int]] = {}
+        for k in sorted(self.free_columns):
             meaning = time_meaning(self.column_names[k])
             if meaning is not None:
                 rank, _ = meaning
                 is_joint_name = self.cells[k] in self.names["q"]  # a joint may be named t
-                by_rank.setdefault((is_joint_name, rank), []).append(k)
-        if not by_rank:
+                columns_by_rank.setdefault((is_joint_name, rank), []).append(k)
+        if not columns_by_rank:
             return []
-        return by_rank[min(by_rank)]
+        most_certain_rank = min(columns_by_rank)
+        return columns_by_rank[most_certain_rank]
 
     def _named_time(self, column: int) -> Choice:
-        """Time column with its unit: after its name, or in it."""
+        """Time column with its unit, which is after its name or in it."""
         unit = self.units[column]
         meaning = time_meaning(self.column_names[column])
         if not unit and meaning is not None:
-            unit = meaning[1]
+            _, unit = meaning
         return Choice(column, unit)
 
     def _row_numbers(
-        self, requested: Choice | None, named: Sequence[int], first_numbers: Callable[[int], Array]
+        self, requested: Choice | None, named_columns: Sequence[int], first_numbers: Callable[[int], Array]
     ) -> Choice | None:
         """Column of row numbers of a file whose rate is given; raises TrajectoryError for a column of time."""
-        if not requested and not named:
+        if not requested and not named_columns:
             return None
-        choice = requested or Choice(named[0])
+        choice = requested or Choice(named_columns[0])
         column = choice.column
         if choice.unit is None and counts_rows(first_numbers(column)):
             self.notes.append(f"Column {self.cells[column]!r} is read as the number of a row, by its numbers.")
@@ -454,7 +463,7 @@ class Assignment:
         )
 
     def _time_unit_by_numbers(self, choice: Choice, first_numbers: Callable[[int], Array]) -> Choice | None:
-        """Time column without a unit, with the unit that its numbers show, which is noted; None without one."""
+        """Time column with the unit that its numbers show, which is noted; None if it has a unit or shows none."""
         if choice.unit is not None:
             return None
         if self.column_names[choice.column] == ROS_TIME:
@@ -474,13 +483,13 @@ class Assignment:
     def assign_by_exact_name(self) -> None:
         """Assign columns with the names used in written files."""
         columns_by_name: dict[str, list[int]] = {}
-        for column in self.free:
+        for column in self.free_columns:
             columns_by_name.setdefault(self.column_names[column], []).append(column)
         for part in self.reading.parts:
             for k, name in enumerate(self.names[part]):
                 for ending in READ[part]:
                     columns = columns_by_name.get(f"{name}{ending}", [])
-                    if k in self.given[part] or not columns:
+                    if k in self.assigned[part] or not columns:
                         continue
                     if len(columns) > 1:
                         raise self.repetition_error(f"{name}{ending}", len(columns))
@@ -490,9 +499,9 @@ class Assignment:
         """Assign columns whose names contain a joint's name and words for a quantity."""
         columns_by_meaning, units = self._columns_by_words()
         assigned_sentences = []
-        # Currents last: they replace torques only of joints with a gain.
-        meanings = sorted(columns_by_meaning, key=lambda meaning: meaning[0] == CURRENT)
-        for quantity, k in meanings:
+        # Currents come last, since they replace only torques of joints with a gain.
+        currents_last = sorted(columns_by_meaning, key=lambda meaning: meaning[0] == CURRENT)
+        for quantity, k in currents_last:
             columns = columns_by_meaning[quantity, k]
             is_current = quantity == CURRENT
             part = "tau" if is_current else quantity
@@ -500,10 +509,10 @@ class Assignment:
             if is_current:
                 if not self.reading.gain:
                     continue
-                if name in self.reading.gain and k in self.given[part]:
-                    torque_choice = self.given[part].pop(k)
-                    self.free.append(torque_choice.column)
-            if k in self.given[part]:
+                if name in self.reading.gain and k in self.assigned[part]:
+                    torque_choice = self.assigned[part].pop(k)
+                    self.free_columns.append(torque_choice.column)
+            if k in self.assigned[part]:
                 continue
             key = name if part == "q" else f"{name}{READ[part][0]}"
             if len(columns) > 1:
@@ -522,20 +531,21 @@ class Assignment:
             self.notes.append(ReadingNote(f"{assigned_sentences[0]}."))
 
     def _columns_by_words(self) -> tuple[dict[tuple[str, int], list[int]], dict[int, str | None]]:
-        """Unassigned columns by quantity and coordinate index, as the words of their names mean, and their units.
+        """Unassigned columns by quantity and entry that the words of their names mean, and their units by column.
 
-        Positions have the names of the coordinates. All other quantities have those of the velocities, or torques those
-        of the motors.
+        Positions have the names of coordinates, and other quantities the names of velocities. Torques may have the names of
+        motors.
         """
         joints_by_part = {"q": NamedJoints(self.names["q"]), "dq": NamedJoints(self.names["dq"])}
         drives = NamedJoints(self.names["tau"])
         columns_by_meaning: dict[tuple[str, int], list[int]] = {}
         units: dict[int, str | None] = {}
-        for column in self.free:
+        for column in self.free_columns:
             name = self.column_names[column]
             for named_part, joints in joints_by_part.items():
                 meaning = joints.meaning(name)
-                if self.of_motors and named_part == "dq" and (meaning is None or meaning.part in ("tau", CURRENT)):
+                may_be_of_motor = meaning is None or meaning.part in ("tau", CURRENT)
+                if self.of_motors and named_part == "dq" and may_be_of_motor:
                     meaning = drives.meaning(name)
                 if meaning is None or (meaning.part == "command" and not self.reading.commands):
                     continue
@@ -547,7 +557,7 @@ class Assignment:
         return columns_by_meaning, units
 
     def assign_by_rules(self, other_joints: Sequence[str]) -> None:
-        """Assign columns by the first rule that matches all joints; ``others`` are joints without a coordinate."""
+        """Assign columns by the first rule that matches all joints; ``other_joints`` are joints without a coordinate."""
         names = self.free_names()
         for part, group in candidates(names).items():
             if part == CURRENT and not self.reading.gain:
@@ -561,21 +571,22 @@ class Assignment:
                 self.assign_group("command", commands, other_joints)
 
     def assign_group(self, meaning: str, group: Sequence[Candidate], other_joints: Sequence[str]) -> list[str]:
-        """Assign columns of one quantity by the first rule that matches all joints; returns their names, or none.
+        """Assign columns of one quantity by the first rule that matches all joints; returns their names, empty without a rule.
 
         Joints whose columns the caller named are left out of the rule.
         """
         part = "tau" if meaning == CURRENT else meaning
-        if self.given[part].keys() - self.requested_names[part]:
+        if self.assigned[part].keys() - self.requested_entries[part]:
             return []
-        coordinate_indices = self.without_column(part)
-        names = [self.names[part][k] for k in coordinate_indices]
+        entries = self.without_column(part)
+        names = [self.names[part][k] for k in entries]
         rule, columns = _match_by_rules(group, names, other_joints)
         if not columns:
             return []
         suffix = SUFFIX["command"] if part == "command" else ""
-        cells, pair_texts = [], []
-        for k, name, (column, _, unit_in_name) in zip(coordinate_indices, names, columns, strict=True):
+        cells: list[str] = []
+        pair_texts: list[str] = []
+        for k, name, (column, _, unit_in_name) in zip(entries, names, columns, strict=True):
             cell = self.cells[column]
             unit = self.units[column] or unit_in_name or _DEFAULT_UNITS.get(meaning)
             self.assign(part, k, Choice(column, unit))
@@ -586,15 +597,15 @@ class Assignment:
             return cells
         note = f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {listed(pair_texts)}."
         if rule.startswith("by "):
-            note = ReadingNote(note)  # their order is not a guess
+            note = ReadingNote(note)  # the order of the columns is not a guess
         self.notes.append(note)
         return cells
 
     def rising_time(self, first_numbers: Callable[[int], Array]) -> Choice | None:
-        """The only unassigned column that increases in every row; None if a rate is given, or without a unique one."""
+        """The only unassigned column that increases in every row; None if a rate is given, or if several or no columns do."""
         if self.reading.rate is not None:
             return None
-        free_cells = {column: self.cells[column] for column in self.free}
+        free_cells = {column: self.cells[column] for column in self.free_columns}
         rising = rising_columns(free_cells, first_numbers)
         if len(rising) != 1:
             return None
@@ -606,71 +617,73 @@ class Assignment:
         return choice
 
     def usual_rate(self) -> str:
-        """Hint for the error message: usual sampling rate of recordings without a time column."""
+        """Hint for the error message at the usual sampling rate of the program that wrote the file; empty if unknown."""
         if any("observations/qpos" in cell for cell in self.cells):
             return " (ALOHA records 50)"
         return ""
 
     def choices(self) -> dict[str, list[Choice]]:
-        """Columns of each part of the motion in the order of the coordinates; joints without a command have none."""
+        """Columns of each part of the motion in the order of its entries; ``_NO_COLUMN`` for joints without a command."""
         choices = {}
-        for part, choice_by_index in self.given.items():
+        for part, choice_by_index in self.assigned.items():
             choices[part] = [choice_by_index[k] for k in sorted(choice_by_index)]
-        commands = self.given["command"]
+        commands = self.assigned["command"]
         if commands:
             choices["command"] = [commands.get(k, _NO_COLUMN) for k in range(len(self.names["command"]))]
         return choices
 
     def without_columns(
-        self, missing: Sequence[str], first_numbers: Callable[[int], Array], *, timeless: bool
+        self, missing_names: Sequence[str], first_numbers: Callable[[int], Array], *, timeless: bool
     ) -> TrajectoryError:
         """Error for coordinates without a column, with arguments to copy."""
-        all_missing = len(missing) == len(self.names["q"])
+        all_missing = len(missing_names) == len(self.names["q"])
         varying = set(varying_columns(self.cells, self.extra, first_numbers))
-        unused = [cell for cell in self.extra if cell in varying]
-        arm_error = self.arm_error(missing, unused)
+        unused_cells = [cell for cell in self.extra if cell in varying]
+        arm_error = self.arm_error(missing_names, unused_cells)
         if arm_error:
             return arm_error
         if all_missing:
-            columns_in_order = series(unused, len(missing))
+            columns_in_order = series(unused_cells, len(missing_names))
             if columns_in_order:
-                return self._error_for_series(missing, columns_in_order, first_numbers, timeless=timeless)
-        similar_columns = alike(missing, self.extra)
+                return self._error_for_series(missing_names, columns_in_order, first_numbers, timeless=timeless)
+        similar_columns = alike(missing_names, self.extra)
         hint = ""
-        few_are_similar = 2 * len(similar_columns) < len(missing)
-        if all_missing and few_are_similar and len(self.extra) > len(similar_columns):
+        few_are_similar = 2 * len(similar_columns) < len(missing_names)
+        others_are_unknown = len(self.extra) > len(similar_columns)
+        if all_missing and few_are_similar and others_are_unknown:
             hint = " No column has the name of a joint of this robot: the file seems to be a log of another one."
             similar_columns = {}
         elif similar_columns:
-            name, cell = next(iter(similar_columns.items()))
+            name, cell = next(iter(similar_columns.items()))  # the first pair
             hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
-        missing_joints = list(dict.fromkeys(map(_joint, missing)))
+        missing_joints = list(dict.fromkeys(map(_joint, missing_names)))
         names_to_lock = ["PATTERN*"]
         if len(missing_joints) <= _MAX_LOCKED_NAMES and not all_missing:
             names_to_lock = missing_joints
         remedy = "; or hold joints still that never move, when the robot is loaded: {1}"
-        if not {*missing_joints} <= {*missing}:  # a joint of several coordinates, which no option holds still
+        if not {*missing_joints} <= {*missing_names}:  # a joint of several coordinates, which no option holds still
             remedy = "; if the pose of the base was not logged, load the robot with its base fixed"
-        if not all_missing and unused:
-            remedy = f" (columns that vary and are not used: {listed(unused)})"
+        if not all_missing and unused_cells:
+            remedy = f" (columns that vary and are not used: {listed(unused_cells)})"
         return TrajectoryError(
-            f"{self.where}: no column for {listed(missing)}.{hint} Expected: {listed(self.names['q'])}; {self.found_text()} "
-            f"Say which they are: {{0}}{remedy}.",
-            _columns_argument(missing, similar_columns, timeless=timeless),
+            f"{self.where}: no column for {listed(missing_names)}.{hint} Expected: {listed(self.names['q'])}; "
+            f"{self.found_text()} Say which they are: {{0}}{remedy}.",
+            _columns_argument(missing_names, similar_columns, timeless=timeless),
             Argument("lock", dict.fromkeys(names_to_lock, 0)),
         )
 
     def _error_for_series(
         self,
-        missing: Sequence[str],
+        missing_names: Sequence[str],
         columns_in_order: Sequence[str],
         first_numbers: Callable[[int], Array],
         *,
         timeless: bool,
     ) -> TrajectoryError:
-        """Error for joints without a column in a file with as many columns that differ by a number."""
-        first, last = columns_in_order[0], columns_in_order[-1]
-        hint = f" Columns {first} … {last} match no joint by name. If they are the joints in order:"
+        """Error for joints without a column, if the file has as many columns whose names differ by a number."""
+        first_cell, last_cell = columns_in_order[0], columns_in_order[-1]
+        column_by_name = dict(zip(missing_names, columns_in_order, strict=True))
+        hint = f" Columns {first_cell} … {last_cell} match no joint by name. If they are the joints in order:"
         values = np.concatenate([first_numbers(self.cells.index(cell)) for cell in columns_in_order])
         options = "{0}"
         seem_degrees = np.abs(values).max() > math.tau
@@ -679,23 +692,23 @@ class Assignment:
         if timeless:
             options += f", and {{2}}{self.usual_rate()} in place of the column of time if there is none"
         return TrajectoryError(
-            f"{self.where}: no column for {listed(missing)}.{hint} {options}; {self.found_text()}",
-            _columns_argument(missing, dict(zip(missing, columns_in_order, strict=True)), timeless=timeless),
+            f"{self.where}: no column for {listed(missing_names)}.{hint} {options}; {self.found_text()}",
+            _columns_argument(missing_names, column_by_name, timeless=timeless),
             Argument("degrees", True),
             Argument("rate", Placeholder("HZ")),
         )
 
-    def logged_arm(self, unused: Sequence[str]) -> list[str]:
-        """Coordinates of the arm, or of all arms, that have columns, in a robot that has joints beside them; or none.
+    def logged_arm(self, unused_cells: Sequence[str]) -> list[str]:
+        """Coordinates of the arm, or of all arms, that have columns, if the robot has joints beside them; otherwise empty.
 
-        Columns fit by name, if no ``unused`` one may be another joint's, or by a rule that matches all joints of one arm.
+        Columns fit by name if none of ``unused_cells`` may be another joint's, or by a rule that matches all joints of an arm.
         """
-        arm = self._fitting_arms(unused)
+        arm = self._fitting_arms(unused_cells)
         if arm is None:
             return []
-        others = self.coordinates_beside(arm)
-        have_one_coordinate = others == list(map(_joint, others))
-        if len(others) > _MAX_JOINTS_BESIDE or not have_one_coordinate:
+        other_coordinates = self.coordinates_beside(arm)
+        have_one_coordinate = other_coordinates == list(map(_joint, other_coordinates))  # each is a joint
+        if len(other_coordinates) > _MAX_JOINTS_BESIDE or not have_one_coordinate:
             return []
         return list(arm)
 
@@ -703,54 +716,55 @@ class Assignment:
         """Coordinates that are not in a group."""
         return [name for name in self.names["q"] if name not in group]
 
-    def arm_error(self, missing: Sequence[str], unused: Sequence[str]) -> TrajectoryError | None:
+    def arm_error(self, missing_names: Sequence[str], unused_cells: Sequence[str]) -> TrajectoryError | None:
         """Error for a log of an arm, or of all arms, of a robot that has joints beside them; None for other logs."""
-        arm = self.logged_arm(unused)
+        arm = self.logged_arm(unused_cells)
         if not arm:
             return None
-        others = self.coordinates_beside(arm)
+        other_names = self.coordinates_beside(arm)
+        joints_of_all_arms = sum(map(len, self.arms))
         arm_text = "the arms"
-        if len(arm) < sum(map(len, self.arms)):
+        if len(arm) < joints_of_all_arms:
             arm_text = f"one arm, {arm[0]} to {arm[-1]}"
         elif len(self.arms) == 1:
             arm_text = "the arm"
-        others_text = f"{others[-1]} has"
-        if len(others) > 1:
-            others_text = f"{', '.join(others[:-1])} and {others[-1]} have"
+        others_text = f"{other_names[-1]} has"
+        if len(other_names) > 1:
+            others_text = f"{', '.join(other_names[:-1])} and {other_names[-1]} have"
         columns = {"JOINT": "COLUMN"}
-        if len(missing) == len(others):
-            columns = dict.fromkeys(missing, "COLUMN")
+        if len(missing_names) == len(other_names):
+            columns = dict.fromkeys(missing_names, "COLUMN")
         return TrajectoryError(
             f"{self.where}: {len(arm)} columns fit the {len(arm)} joints of {arm_text}; {others_text} none: load the robot "
             f"with {{0}}. If there are columns for more of them, name these: {{1}}; {self.found_text()}",
-            Argument("lock", dict.fromkeys(others, 0)),
+            Argument("lock", dict.fromkeys(other_names, 0)),
             Argument("columns", columns),
         )
 
-    def _fitting_arms(self, unused: Sequence[str]) -> Sequence[str] | None:
-        """Joints of the only arm, or of all arms, whose columns the log has; None without one, or without other joints."""
+    def _fitting_arms(self, unused_cells: Sequence[str]) -> Sequence[str] | None:
+        """Joints of the only arm, or of all arms, whose columns the log has; None otherwise, or without joints beside them."""
         names = self.names["q"]
         fitting_arms: list[list[str]] = []
         joints_of_all_arms: list[str] = []
         for arm in self.arms:
             joints = [names[k] for k in arm]
             joints_of_all_arms += joints
-            if len(joints) < len(names) and self.has_columns_of(joints, unused):
+            if len(joints) < len(names) and self.has_columns_of(joints, unused_cells):
                 fitting_arms.append(joints)
         if len(fitting_arms) == 1:
             return fitting_arms[0]
         robot_has_other_joints = len(joints_of_all_arms) < len(names)
         if fitting_arms or len(self.arms) < 2 or not robot_has_other_joints:
             return None
-        if self.has_columns_of(joints_of_all_arms, unused):
+        if self.has_columns_of(joints_of_all_arms, unused_cells):
             return joints_of_all_arms
         return None
 
-    def has_columns_of(self, group: Sequence[str], unused: Sequence[str]) -> bool:
-        """True if the columns are those of the positions of a group of joints, by name or by a rule that matches all."""
+    def has_columns_of(self, group: Sequence[str], unused_cells: Sequence[str]) -> bool:
+        """True if the log has the positions of exactly this group of joints, by name or by a rule that matches all of them."""
         names = self.names["q"]
-        if self.given["q"]:
-            return not unused and {names[k] for k in self.given["q"]} == {*group}
+        if self.assigned["q"]:
+            return not unused_cells and {names[k] for k in self.assigned["q"]} == {*group}
         columns = candidates(self.free_names()).get("q", [])
         other_joints = [*self.reading.locked, *self.coordinates_beside(group)]
         _, matches = _match_by_rules(columns, group, other_joints)
@@ -758,10 +772,10 @@ class Assignment:
 
     def check_complete(self, first_numbers: Callable[[int], Array]) -> None:
         """Raise TrajectoryError if time, coordinates or rates are missing; ``first_numbers`` returns a column's numbers."""
-        missing = [self.names["q"][k] for k in self.without_column("q")]
+        missing_names = [self.names["q"][k] for k in self.without_column("q")]
         timeless = self.time is None and self.reading.rate is None
-        if missing:
-            raise self.without_columns(missing, first_numbers, timeless=timeless)
+        if missing_names:
+            raise self.without_columns(missing_names, first_numbers, timeless=timeless)
         if timeless:
             raise TrajectoryError(
                 f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; or give {{0}}, or "
@@ -795,10 +809,10 @@ def _suggestion(name: str, choices: Sequence[str]) -> str:
     return f" Did you mean {similar[0]!r}?" if similar else ""
 
 
-def _columns_argument(missing: Sequence[str], columns: Mapping[str, str], *, timeless: bool) -> Argument:
+def _columns_argument(missing_names: Sequence[str], columns: Mapping[str, str], *, timeless: bool) -> Argument:
     """Option ``columns`` with a column for each missing coordinate, and for the time if there is none."""
     entries = {"time": "COLUMN"} if timeless else {}
-    for name in missing:
+    for name in missing_names:
         entries[name] = columns.get(name, "COLUMN")
     return Argument("columns", entries)
 
@@ -806,7 +820,7 @@ def _columns_argument(missing: Sequence[str], columns: Mapping[str, str], *, tim
 def _match_by_rules(
     group: Sequence[Candidate], names: Sequence[str], other_joints: Sequence[str]
 ) -> tuple[str, list[Candidate]]:
-    """First rule that matches all joints, and their columns; empty if there is none."""
+    """First rule that matches all joints, and their columns; both empty without such a rule."""
     for rule, match in RULES.items():
         columns = match(group, names, other_joints)
         if columns:
@@ -815,7 +829,7 @@ def _match_by_rules(
 
 
 def belongs(text: str, locked: Sequence[str]) -> bool:
-    """True if the name of a column is that of a locked joint, or of a quantity of it."""
+    """True if the name of a column names a locked joint, or a quantity of a locked joint."""
     for joint in locked:
         if text == joint or text.startswith(f"{joint}."):
             return True
@@ -836,16 +850,16 @@ def absent_joints(
     for key in assignment.entries_for_log(columns, name_by_key):
         if key in name_by_key:
             k = names.index(name_by_key[key])
-            assignment.given["q"][k] = Choice(0)  # only that there is a column counts here, not which one
+            assignment.assigned["q"][k] = Choice(0)  # some column: only its presence counts here
     assignment.assign_by_exact_name()
     assignment.assign_by_words()
-    present = {names[k] for k in assignment.given["q"]}
+    present = {names[k] for k in assignment.assigned["q"]}
     if not present:
         position_columns = candidates(assignment.free_names()).get("q", [])
         matches = match_most_by_prefix(position_columns, names)
         present = {name for name, column in zip(names, matches, strict=True) if column is not None}
     if not present:
-        present = {*assignment.logged_arm(unused=())}
+        present = {*assignment.logged_arm(unused_cells=())}
     joints_present = {*present, *map(_joint, present)}
     return tuple(joint for joint in joints if joint not in joints_present)
 
@@ -860,8 +874,17 @@ class MimicJointColumn(NamedTuple):
     """Factor to SI units."""
 
 
+def _lists_columns(keys: Iterable[str]) -> bool:
+    """True if one of the keys, after the name of a log, is a number in the order of the coordinates."""
+    for key in keys:
+        _, _, name = key.rpartition(":")
+        if name.startswith(ORDER):
+            return True
+    return False
+
+
 def _seconds_per_unit(rate: float | None, time_unit: str | None) -> float:
-    """Seconds of one unit of the column of time: of one sample if the rate [1/s] is given."""
+    """Seconds for each unit of the time column, or for each sample if the rate [1/s] is given."""
     if rate:
         return 1.0 / rate
     return time_factor(time_unit or "s") or 1.0
@@ -938,7 +961,7 @@ class Columns:
             time_unit = assignment.time.unit
             read_choices.insert(0, assignment.time)
         used = [choice.column for choice in read_choices if choice is not _NO_COLUMN]
-        # Index in the table by column of the file. The last entry is that of _NO_COLUMN, whose index is -1.
+        # Index in the table by column of the file. The last entry is for _NO_COLUMN, whose column is -1.
         table_index = np.full(len(header) + 1, _NO_COLUMN.column)
         first_index = 1 if has_row_numbers else 0
         table_index[used] = np.arange(len(used)) + first_index
@@ -974,7 +997,7 @@ class Columns:
             quaternions=tuple(q_indices[entries] for entries in coordinates.quaternions),
             notes=tuple(assignment.notes),
             of_motors=assignment.of_motors,
-            listed=any(key.rpartition(":")[2].startswith(ORDER) for key in reading.columns or ()),
+            listed=_lists_columns(reading.columns or ()),
             mimic_joints=tuple(mimic_joints),
         )
 

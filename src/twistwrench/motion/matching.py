@@ -1,6 +1,6 @@
 """Matching of a log's columns to joints by name: words of loggers, common prefix, ending, or order.
 
-Each rule, except that for loggers' words, matches all joints or none; it fails if other columns have similar names.
+Each rule, except the rule for words of loggers, matches all joints or none; it fails if other columns have similar names.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ _MIN_SIMILARITY = 0.6
 _MIN_VARIATION = 1e-6
 """Smallest relative variation of the column of a moving joint."""
 _POSITION_UNITS = ("rad", "deg", "degrees", "radians", "°", "m", "mm", "cm")
+"""Units that a column of positions may have."""
 _NOT_A_POSITION = re.compile(
     r"temp|curr|volt|amp|force|torq|effort|tau|load|power|energy|tcp|pose|ee_|imu|acc|vel|speed|rate|time|stamp|seq|index|"
     r"count|frame|status|state|mode|flag|id$|err|residual|cmd|command|action|target|desired|reference|setpoint"
@@ -35,8 +36,6 @@ _NOT_A_POSITION = re.compile(
 """Words in names of columns that are not measured joint positions."""
 _NOT_A_TIME = re.compile(r"temp|volt|energy|count|index|seq|cycle|step|dist|odom|tick|batt|soc|charge")
 """Words in names of columns that may increase in every row and are not the time."""
-
-
 _MAX_COLUMNS_READ = 256
 """Largest number of columns that are read for a hint; reading one takes up to 0.1 s in some formats."""
 
@@ -53,7 +52,7 @@ def varying_columns(cells: Sequence[str], extra: Sequence[str], first_numbers: C
     for k in columns[:_MAX_COLUMNS_READ]:
         try:
             numbers = first_numbers(k)
-        except TrajectoryError:  # not numbers
+        except TrajectoryError:  # the column has texts
             continue
         if not numbers.size or not np.isfinite(numbers).all():
             continue
@@ -71,7 +70,7 @@ def _may_be_position(cell: str) -> bool:
 
 
 _MIN_AMBIGUOUS_NAMES = 2
-"""Number of missing names that contain the name of a column, from which the column is ambiguous."""
+"""Number of missing names from which a column whose name they contain is ambiguous."""
 
 
 def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
@@ -110,27 +109,29 @@ def rising_columns(cells: Mapping[int, str], first_numbers: Callable[[int], Arra
     for k in columns[:_MAX_COLUMNS_READ]:
         try:
             steps = np.diff(first_numbers(k))
-        except TrajectoryError:  # not numbers
+        except TrajectoryError:  # the column has texts
             continue
+        rises = len(steps) > 0 and (steps > 0).all()
         is_row_number = (steps == 1).all()
-        if len(steps) and (steps > 0).all() and not is_row_number:
+        if rises and not is_row_number:
             rising.append(k)
     return rising
 
 
-def counts_rows(first: Array) -> bool:
+def counts_rows(first_numbers: Array) -> bool:
     """True if the first numbers (n,) of a column are whole and usually rise by exactly 1.
 
     >>> counts_rows(np.array([7.0, 8.0, 9.0, 12.0])), counts_rows(np.array([0.0, 10.0, 20.0]))
     (True, False)
     """
-    if len(first) < 2 or (first != np.round(first)).any():
+    has_fractions = (first_numbers != np.round(first_numbers)).any()
+    if len(first_numbers) < 2 or has_fractions:
         return False
-    return bool(np.median(np.diff(first)) == 1.0)
+    return bool(np.median(np.diff(first_numbers)) == 1.0)
 
 
 def series(cells: Sequence[str], count: int) -> list[str]:
-    """The only set of ``count`` columns that differ by a number, sorted by it; empty if not unique.
+    """The only set of ``count`` columns whose names differ by a number, sorted by this number; empty if not unique.
 
     >>> series(["A2", "A1", "E1"], 2)
     ['A1', 'A2']
@@ -176,7 +177,7 @@ class NamedJoints:
             is_specific = len(short_name) > 2 and not short_name.isdigit()
             if is_specific and short_name_counts[short_name] == 1:
                 indices.setdefault(self._key(short_name), k)
-        # The longest names first: a name may be a part of another one.
+        # The longest names come first, since a name may be a part of another one.
         self._joint_indices = sorted(indices.items(), key=lambda item: -len(item[0]))
 
     def meaning(self, text: str) -> Meaning | None:
@@ -195,13 +196,15 @@ class NamedJoints:
             position = _position(name, key)
             if position is None:
                 continue
-            other_words = _words(key[:position] + " " + key[position + len(name) :])
+            text_beside_name = key[:position] + " " + key[position + len(name) :]
+            other_words = _words(text_beside_name)
             part_and_unit = _part_of(other_words)
             if part_and_unit is not None:
                 return Meaning(joint_index, *part_and_unit)
         return None
 
     def _key(self, text: str) -> str:
+        """Text in the form in which names are compared."""
         return text.casefold() if self._ignores_case else text
 
 
@@ -233,13 +236,14 @@ def _part_of(words: Sequence[str]) -> tuple[str, str | None] | None:
         if commanded is None or commanded[0] != "q":
             return None
         return "command", commanded[1]
-    units, quantity_words = [], []
+    units: list[str] = []
+    quantity_words: list[str] = []
     for word in words:
         if word in UNITS:
             units.append(word)
         elif word not in NEUTRAL:
             quantity_words.append(word)
-    if units and quantity_words[-1:] == ["s"]:  # deg_s
+    if units and quantity_words[-1:] == ["s"]:  # as in deg_s
         quantity_words = quantity_words[:-1]
         units = [f"{units[0]}/s"]
     if not words:
@@ -276,12 +280,13 @@ def candidates(texts: Mapping[int, str]) -> dict[str, list[Candidate]]:
 
 
 def _split_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Words for quantities and units, and the other words of a name."""
-    quantity_words, other_words = [], []
+    """Words of a name for quantities and units, and its other words."""
+    quantity_words: list[str] = []
+    other_words: list[str] = []
     for k, word in enumerate(words):
-        per_second = word == "s" and words[k - 1] in UNITS
-        neutral = word in NEUTRAL and word not in JOINT
-        if word in PART_OF or word in UNITS or neutral or per_second:
+        is_per_second = word == "s" and words[k - 1] in UNITS
+        is_neutral = word in NEUTRAL and word not in JOINT
+        if word in PART_OF or word in UNITS or is_neutral or is_per_second:
             quantity_words.append(word)
         else:
             other_words.append(word)
@@ -308,15 +313,15 @@ def command_candidates(texts: Mapping[int, str]) -> list[list[Candidate]]:
 
 
 def _pattern(words: Iterable[str]) -> Words:
-    """Words of a name with # for each number: names of one pattern differ only by numbers."""
+    """Words of a name with # for each number; names with equal patterns differ only by numbers."""
     return tuple("#" if word.isdigit() else word for word in words)
 
 
-def _has_unmatched(matched: Iterable[Words], all_words: Iterable[Words], known: Iterable[Words]) -> bool:
-    """True if a name in ``all_words``, neither matched nor known, differs from a matched one only by a number."""
-    unmatched = {*all_words} - {*matched, *known}
+def _has_unmatched(matched_names: Iterable[Words], all_names: Iterable[Words], known_names: Iterable[Words]) -> bool:
+    """True if a name in ``all_names`` that is neither matched nor known differs from a matched name only by a number."""
+    unmatched = {*all_names} - {*matched_names, *known_names}
     unmatched_patterns = {_pattern(words) for words in unmatched}
-    return not unmatched_patterns.isdisjoint(map(_pattern, matched))
+    return not unmatched_patterns.isdisjoint(map(_pattern, matched_names))
 
 
 Rule = Callable[[Sequence[Candidate], Sequence[str], Sequence[str]], "list[Candidate] | None"]
@@ -333,15 +338,15 @@ def match_by_prefix(
     [1, 0]
     """
     matches = _matches_by_prefix(columns, names, other_joints)
-    complete: list[list[Candidate]] = []
+    complete_matches: list[list[Candidate]] = []
     for match, is_exclusive in matches.items():
         match_columns = [column for column in match if column is not None]
         if is_exclusive and len(match_columns) == len(names):
-            complete.append(match_columns)
-    if len(complete) != 1:
+            complete_matches.append(match_columns)
+    if len(complete_matches) != 1:
         return None
-    matched_columns = complete[0]
-    for match in matches:  # ambiguous if other columns match at least half of the joints
+    (matched_columns,) = complete_matches
+    for match in matches:  # the match is ambiguous if other columns match at least half of the joints
         has_other_columns = not set(match) <= {*matched_columns, None}
         if has_other_columns and 2 * match.count(None) <= len(names):
             return None
@@ -349,9 +354,9 @@ def match_by_prefix(
 
 
 def match_most_by_prefix(columns: Sequence[Candidate], names: Sequence[str]) -> Sequence[Candidate | None]:
-    """Columns by a common prefix, None for joints without one; all None if several prefixes match equally many."""
+    """Columns by a common prefix, None for joints without a column; all None if several prefixes match equally many."""
     no_match = [None] * len(names)
-    matches = sorted(_matches_by_prefix(columns, names, ()), key=lambda match: match.count(None))
+    matches = sorted(_matches_by_prefix(columns, names, ()), key=lambda match: match.count(None))  # best first
     if not matches:
         return no_match
     best_match = matches[0]
@@ -367,8 +372,7 @@ def _matches_by_prefix(
 ) -> dict[tuple[Candidate | None, ...], bool]:
     """Matches by a prefix of the columns in place of a prefix of the joints.
 
-    A match has a column for each joint, or None. Its value is False if other columns of the same prefix and pattern
-    are left.
+    A match has a column, or None, for each joint. Its value is False if further columns have its prefix and its pattern.
     """
     matches = dict[tuple[Candidate | None, ...], bool]()
     joint_words = list(map(_words, names))
@@ -396,7 +400,7 @@ def _matches_by_prefix(
 
 
 def _endings(names: Iterable[Words], prefix: Words) -> list[Words]:
-    """Words after the prefix, of the names that begin with it."""
+    """Words after the prefix, for each name that begins with the prefix."""
     return [words[len(prefix) :] for words in names if words[: len(prefix)] == prefix]
 
 
@@ -413,20 +417,21 @@ def _column_prefixes(columns: Sequence[Candidate], endings: Iterable[Words]) -> 
 def match_by_ending(
     columns: Sequence[Candidate], names: Sequence[str], other_joints: Sequence[str] = ()
 ) -> list[Candidate] | None:
-    """Match columns by unique name endings, of the joint's or the column's name: ``A1`` for ``joint_a1``.
+    """Match columns by unique endings of the joint's or the column's name: ``A1`` for ``joint_a1``.
 
     >>> kuka = candidates(dict(enumerate(["A1", "A2", "E1"])))["q"]
     >>> [c.column for c in match_by_ending(kuka, ["joint_a1", "joint_a2"])]
     [0, 1]
     """
     matches: list[Candidate] = []
-    prefixes, matched_words = set[Words](), set[Words]()
+    prefixes = set[Words]()
+    matched_words = set[Words]()
     for name in names:
         joint_words = _words(name)
         fitting_columns = _columns_with_ending(columns, joint_words)
         if len(fitting_columns) != 1:
             return None
-        match = fitting_columns[0]
+        (match,) = fitting_columns
         if match in matches:
             return None
         matches.append(match)
@@ -444,17 +449,18 @@ def match_by_ending(
 
 
 def _columns_with_ending(columns: Sequence[Candidate], joint: Words) -> list[Candidate]:
-    """Columns whose name ends a joint's name, or has it as its end."""
+    """Columns whose name is the end of a joint's name, or has the joint's name as its end."""
     return [column for column in columns if _ends(column.words, joint)]
 
 
 def _ends(column: Words, joint: Words) -> bool:
-    """True if one name ends the other and is more than a letter, a number or the word for a joint."""
-    short, long = sorted((column, joint), key=len)
-    if long[-len(short) :] != short:
+    """True if one name is the end of the other, and is more than a letter, a number or the word for a joint."""
+    short_name, long_name = sorted((column, joint), key=len)
+    if long_name[-len(short_name) :] != short_name:
         return False
-    is_unspecific = len(short) == 1 and len(short[0]) < 3
-    if is_unspecific or all(word in JOINT or word.isdigit() for word in short):
+    is_unspecific = len(short_name) == 1 and len(short_name[0]) < 3
+    is_number = all(word in JOINT or word.isdigit() for word in short_name)
+    if is_unspecific or is_number:
         return False
     prefix_of_column = "_".join(column[: -len(joint)])
     return len(column) <= len(joint) or not _NOT_A_POSITION.search(prefix_of_column)
@@ -480,8 +486,8 @@ def match_by_number(
     numbered_columns = []
     for column in columns:
         numbers_in_name = [int(word) for word in column.words if word.isdigit()]
-        words_allowed = all(word in JOINT or (word.isdigit() and len(word) < 4) for word in column.words)
-        if len(numbers_in_name) < 2 and words_allowed:
+        has_only_numbers = all(word in JOINT or (word.isdigit() and len(word) < 4) for word in column.words)
+        if len(numbers_in_name) < 2 and has_only_numbers:
             number = numbers_in_name[0] if numbers_in_name else _NO_NUMBER
             numbered_columns.append((number, column))
     if len(numbered_columns) != len(names):
@@ -490,13 +496,13 @@ def match_by_number(
         return []
     numbered_columns.sort(key=lambda pair: pair[0])
     numbers = [number for number, _ in numbered_columns]
-    first = numbers[0]
-    consecutive = numbers == list(range(first, first + len(numbers)))
-    if first == _NO_NUMBER:
-        allowed = len(numbers) == 1
+    first_number = numbers[0]
+    are_consecutive = numbers == list(range(first_number, first_number + len(numbers)))
+    if first_number == _NO_NUMBER:
+        begins_well = len(numbers) == 1
     else:
-        allowed = first in (0, 1)
-    if not (consecutive and allowed):
+        begins_well = first_number in (0, 1)
+    if not (are_consecutive and begins_well):
         return None
     return [column for _, column in numbered_columns]
 

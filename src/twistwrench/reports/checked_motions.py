@@ -39,13 +39,13 @@ class CheckedMotion:
     file: str
     """Path of the motion, or its number."""
     verdict: str
-    """First word, or ``failed``."""
+    """First word of the verdict; ``failed`` for a file that cannot be read."""
     joint: str = ""
     """Joint nearest to its limit."""
     peak: float = math.nan
-    """Its torque of largest magnitude, with its sign."""
+    """Torque of that joint with the largest magnitude, with its sign."""
     limit: float = math.nan
-    """Its torque limit."""
+    """Torque limit of that joint."""
     unit: str = ""
     """Unit of peak and limit."""
     time: float = math.nan
@@ -53,26 +53,27 @@ class CheckedMotion:
     rows: int = 0
     """Number of states."""
     reason: str = ""
-    """Reasons against OK, or the error."""
+    """Reasons against OK, with "; " between them; empty for OK. For a file that cannot be read: the error."""
 
     @property
     def severity(self) -> float:
-        """Rank of the verdict, 0 for OK, and below 1 the share of the limit."""
+        """Sort key: rank of the verdict (0 for OK), plus a number from 0 to 1 that grows with peak / limit."""
         severity = 0.0
         if self.verdict in _SEVEREST_FIRST:
             severity = float(len(_SEVEREST_FIRST) - _SEVEREST_FIRST.index(self.verdict))
-        if not self.limit:
+        if self.limit == 0.0:
             return severity
         share = abs(self.peak / self.limit)
         if math.isfinite(share):
-            severity += share / (1.0 + share)
+            severity += share / (1.0 + share)  # below 1, so that the verdict decides first
         return severity
 
     @classmethod
     def from_report(cls, file: str, report: TorqueReport) -> CheckedMotion:
-        """The line of a report."""
-        word, reasons = str(report.verdict.word), "; ".join(report.verdict.reasons)
-        checked = cls(file, word, rows=report.rows, reason=reasons)
+        """The line of a report; without joint, peak and limit if the report has no worst joint."""
+        word = str(report.verdict.word)
+        reason = "; ".join(report.verdict.reasons)
+        checked = cls(file, verdict=word, rows=report.rows, reason=reason)
         if report.worst is None:
             return checked
         worst = report.joints[report.worst]
@@ -115,14 +116,15 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
     @cached_property
     def verdict(self) -> Verdict:
         """The severest word, with the number of motions that have it; a file that cannot be read makes OK UNSURE."""
-        count = Counter(motion.verdict for motion in self.motions)
-        words = [word for word in _SEVEREST_FIRST if count[word]]
-        if not words:
+        motion_counts = Counter(motion.verdict for motion in self.motions)
+        words_by_severity = [word for word in _SEVEREST_FIRST if motion_counts[word] > 0]
+        if not words_by_severity:
             return Verdict(Word.OK)
-        severest = Word.UNSURE
-        if words[0] != FAILED:
-            severest = Word(words[0])
-        return Verdict(severest, tuple(f"{count[word]} of {len(self)} {_MEANING[word]}" for word in words))
+        severest = words_by_severity[0]
+        if severest == FAILED:  # not a word of verdicts
+            severest = Word.UNSURE
+        reasons = [f"{motion_counts[word]} of {len(self)} {_REASON_ENDINGS[word]}" for word in words_by_severity]
+        return Verdict(Word(severest), tuple(reasons))
 
     @property
     def robot_name(self) -> str:
@@ -142,24 +144,24 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
             yield Headline(Word.OK, f"all limits kept by {self.subject}.")
         else:
             yield Headline.from_verdict(self.verdict)
-        units = dict.fromkeys(motion.unit for motion in self if motion.unit)
+        units = dict.fromkeys(motion.unit for motion in self if motion.unit)  # each unit once, in order
         peaks, limits, times = list[Line](), list[Line](), list[Line]()
         for motion in self:
             peaks.append(_quantity_cell(motion.peak, motion.unit))
             limits.append(_quantity_cell(motion.limit, motion.unit))
             times.append(_quantity_cell(motion.time, "s"))
-        column = partial(numbers, unit=", ".join(units), headed=False)
+        torque_column = partial(numbers, unit=", ".join(units), headed=False)
         yield Table(
             "",
             words("motion", [Path(motion.file).name for motion in self]),
             words("verdict", [word_cell(motion.verdict) for motion in self]),
             words("joint", [motion.joint for motion in self]),
-            column("peak", peaks),
-            column("limit", limits),
+            torque_column("peak", peaks),
+            torque_column("limit", limits),
             numbers("at", times, unit="s", headed=False),
             words("", [motion.reason for motion in self]),
             most=_MAX_ROWS,
-            by=[motion.severity for motion in self],
+            by=[motion.severity for motion in self],  # the severest rows stay in a short answer
             of_limits=False,
         )
 
@@ -206,13 +208,14 @@ def _quantity_cell(value: float, unit: str) -> Line:
     return Line(quantity(value, unit), value=value)
 
 
-_MEANING: Mapping[str, str] = {
+_REASON_ENDINGS: Mapping[str, str] = {
     FAILED: "cannot be read",
     Word.LOOK_AGAIN: "contradict themselves",
     Word.COLLISION: "have links in contact",
     Word.OVER_LIMIT: "are over a limit",
     Word.UNSURE: "cannot be decided",
 }
+"""Rest of the reason "3 of 5 …", by verdict of these motions."""
 
 
 def check_each(
@@ -251,43 +254,46 @@ def check_each(
     >>> print(tw.check_each("ur5", [demo], payload=5).headline)
     OK: all limits kept by 1 motion.
     """
-    loaded, _ = robot_of(robot, asked.pop("actuators", None), asked.pop("lock", None))
-    if isinstance(motions, str | Path):
-        motions = expanded_paths(motions)
-    return checked_motions(loaded.name, list(motions), _Question(loaded, asked).answer, workers, scheduler, progress)
+    actuators = asked.pop("actuators", None)  # the loaded robot has them
+    locked_joints = asked.pop("lock", None)
+    loaded_robot, _ = robot_of(robot, actuators, locked_joints)
+    all_motions = expanded_paths(motions) if isinstance(motions, str | Path) else list(motions)
+    check_motion = _MotionCheck(loaded_robot, options=asked).check
+    return checked_motions(loaded_robot.name, all_motions, check_motion, workers, scheduler, progress)
 
 
 @dataclass(frozen=True, eq=False)
-class _Question:
-    """Question about one motion; it is sent to other processes."""
+class _MotionCheck:
+    """Check of one motion; a class and not a closure, since it is sent to other processes."""
 
     robot: Robot
-    asked: CheckOptions
+    options: CheckOptions
 
-    def answer(self, motion: Any) -> CheckedMotion:
-        return CheckedMotion.from_report("", check(self.robot, motion, **self.asked))
+    def check(self, motion: Any) -> CheckedMotion:
+        """Verdict on one motion; its ``file`` is empty, since the name is not sent."""
+        return CheckedMotion.from_report("", check(self.robot, motion, **self.options))
 
 
 def checked_motions(
     robot_name: str,
     motions: Sequence[Any],
-    answer: Callable[[Any], CheckedMotion],
+    check_motion: Callable[[Any], CheckedMotion],
     workers: int | None,
     scheduler: str | None,
     progress: Callable[[float], None] | None,
 ) -> CheckedMotions:
-    """Verdicts of a question on each motion; a file that cannot be read has its error as reason."""
+    """Results of ``check_motion`` in the order of the motions; a file that cannot be read has its error as reason."""
+    checked: list[CheckedMotion] = []
     with workers_of(workers, scheduler) as team:
-        checked = []
-        for k, result in enumerate(team.results(answer, motions, progress)):
-            name = f"motion {k}"
-            if isinstance(motions[k], str | Path):
-                name = str(motions[k])
+        for k, result in enumerate(team.results(check_motion, motions, progress)):
+            motion = motions[k]
+            file = str(motion) if isinstance(motion, str | Path) else f"motion {k}"
             if isinstance(result, Failure):
-                checked.append(CheckedMotion(name, FAILED, reason=result.reason))
+                checked.append(CheckedMotion(file, FAILED, reason=result.reason))
             else:
-                checked.append(replace(result, file=name))
-    if checked and all(motion.verdict == FAILED for motion in checked):
+                checked.append(replace(result, file=file))
+    all_failed = all(motion.verdict == FAILED for motion in checked)
+    if checked and all_failed:
         raise ValueRangeError(f"none of the {len(checked)} motions can be read. The first: {checked[0].reason}")
     return CheckedMotions(robot_name, tuple(checked))
 
@@ -297,14 +303,17 @@ def expanded_paths(motions: str | Path) -> list[str]:
 
     Raises :class:`~twistwrench.ValueRangeError` if there are none.
     """
-    text, path = str(motions), Path(motions)
-    if any(c in text for c in "*?[") and not path.exists():
+    text = str(motions)
+    path = Path(motions)
+    has_wildcard = any(character in text for character in "*?[")
+    if has_wildcard and not path.exists():  # names of files may have brackets
         matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
         if not matches:
             raise ValueRangeError(f"no file matches {text!r}.")
         return matches
-    if path.is_dir() and format_of(path) is None:
-        files = [str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
+    if path.is_dir() and format_of(path) is None:  # a folder with a format is one motion
+        visible_entries = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
+        files = [str(entry) for entry in visible_entries if entry.is_file()]
         if not files:
             raise ValueRangeError(f"{text!r} is a folder without files.")
         return sorted(files)

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from ..statics.clearance import PathClearance
     from .torque_report import TorqueReport
 
-_MAX_STATES = 4000
-"""Number of evenly spaced states kept of a long motion; peaks may add three times as many."""
-_CHUNK = 8192
-"""Rows computed at once."""
+_MAX_STATES = 16_000
+"""Number of states that are kept of a long motion: a quarter evenly spaced, the others at peaks."""
+_ROWS_PER_BATCH = 8192
+"""Number of rows that are computed at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +63,9 @@ class DrawnMotion:
     rows: int
     """Number of rows of the whole motion."""
     warnings: tuple[str, ...]
-    """Sentences on limit violations and on contradictions in the input."""
+    """Sentences on limit violations, and on contradictions in the input."""
     still: Array
-    """(n, nv) bool: the derived velocity is within its uncertainty, so friction that depends on its sign is left out."""
+    """(n, nv) of bool: True where the derived velocity is within its uncertainty, so that its sign causes no friction."""
     verdict: Verdict = field(default_factory=lambda: Verdict(Word.OK))
     """LOOK AGAIN if the input contradicts itself. Limit violations only give warnings."""
     clearance: PathClearance | None = None
@@ -77,7 +77,7 @@ class DrawnMotion:
     report: TorqueReport | None = None
     """Report of the command ``torques`` on the motion; None for arrays and without a verdict."""
     judged: bool = True
-    """False if a page shows no verdict on the motion, since it contains the answer to another question."""
+    """True if a page shows a verdict on the motion; False if its page answers another question."""
 
     @property
     def passed(self) -> tuple[str, ...]:
@@ -112,10 +112,10 @@ class DrawnMotion:
         >>> t = np.linspace(0, 1, 21)
         >>> motion_of(tw.robots.pendulum(), t, t[:, None] ** 2).require(tw.robots.pendulum())
         """
-        own = self.load.robot
-        if own.coordinate_names != robot.coordinate_names:
+        own_robot = self.load.robot
+        if own_robot.coordinate_names != robot.coordinate_names:
             raise ValueRangeError(
-                f"the motion is of robot {own.name!r}, and the one to be shown is {robot.name!r}. Make it with "
+                f"the motion is of robot {own_robot.name!r}, and the one to be shown is {robot.name!r}. Make it with "
                 "motion_of(robot, …)."
             )
 
@@ -139,8 +139,9 @@ class DrawnMotion:
         >>> q.round(3).tolist()
         [0.25]
         """
-        q, before, after, share = between(self.load.with_load, self.time, self.q, np.asarray(time))
-        return q, self.torques[before] + share * (self.torques[after] - self.torques[before])
+        q, row_before, row_after, share = between(self.load.with_load, self.time, self.q, np.asarray(time))
+        tau_before, tau_after = self.torques[row_before], self.torques[row_after]
+        return q, tau_before + share * (tau_after - tau_before)
 
 
 def motion_of(
@@ -157,7 +158,7 @@ def motion_of(
     Parameters
     ----------
     robot : Robot, or a LoadCase with payloads and loads
-    time : (n,) array_like [s], or a Motion, or a result that contains one
+    time : (n,) array_like [s], a Motion, or a result that contains one
     q : (n, nq) array_like, configurations
     dq : (n, nv) array_like, optional, velocities [rad/s, m/s]; default: derived by a spline
     ddq : (n, nv) array_like, optional, accelerations [rad/s², m/s²], likewise
@@ -176,22 +177,23 @@ def motion_of(
     """
     doubts: tuple[Doubt, ...] = ()
     if q is None:
-        given = getattr(time, "motion", time)
-        if not isinstance(given, Motion):
+        source = getattr(time, "motion", time)  # a result has its motion as attribute
+        if not isinstance(source, Motion):
             raise ShapeError(
                 "motion_of: q is missing: give time and q, a twistwrench.Motion, or a result that has one."
             )
-        time, q, dq, ddq = given.time, given.q, given.dq, given.ddq
-        doubts = given.contradictions
+        time, q, dq, ddq = source.time, source.q, source.dq, source.ddq
+        doubts = source.contradictions
     load = robot if isinstance(robot, LoadCase) else LoadCase(robot)
     model = load.robot.model
     t = arguments.finite(time, "time")
     q = arguments.finite(q, "q", model.nq, names=load.robot.coordinate_names)
-    if t.ndim != 1 or q.shape != (len(t), model.nq) or not len(t):
+    has_states = t.ndim == 1 and len(t) > 0
+    if not has_states or q.shape != (len(t), model.nq):
         raise ShapeError(f"a motion has time (n,) and q (n, {model.nq}), got {t.shape} and {q.shape}.")
     does_not_increase = np.diff(t) <= 0
     if does_not_increase.any():
-        k = int(np.argmax(does_not_increase))
+        k = int(np.argmax(does_not_increase))  # first such step
         raise ValueRangeError(
             f"time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
         )
@@ -199,7 +201,7 @@ def motion_of(
     given_dq = None if dq is None else _check_rates("dq", dq, len(t), model)
     given_ddq = None if ddq is None else _check_rates("ddq", ddq, len(t), model)
     zeros = np.zeros((len(t), model.nv))
-    derived_dq = derived_ddq = zeros  # of too few samples, which are states at rest
+    derived_dq, derived_ddq = zeros, zeros  # too few samples are states at rest
     if lacks_rates and len(t) >= FEWEST:
         q = continuous(model, q)
         derived_dq, derived_ddq = joint_rates(model, q, *spline_rates(t, q))
@@ -212,14 +214,15 @@ def motion_of(
     no_outliers = zeros[:, :0]
     states = MotionSamples(t, q, dq, ddq, q, never_still, no_outliers)
     motion = _read_states(load, iter([states]))
-    refused = tuple(map(str, doubts))
-    warnings = [*_look_again_warnings(refused), *motion.warnings]
-    if lacks_rates and len(t) < FEWEST and (q != q[0]).any():
+    contradictions = tuple(map(str, doubts))
+    warnings = [*_look_again_warnings(contradictions), *motion.warnings]
+    has_moved = (q != q[0]).any()
+    if lacks_rates and len(t) < FEWEST and has_moved:
         warnings.append(
             f"{len(t)} samples are too few to derive rates from, so torques are those at rest: give {FEWEST}, or dq and "
             "ddq"
         )
-    return replace(motion, refused=refused, warnings=tuple(warnings))
+    return replace(motion, refused=contradictions, warnings=tuple(warnings))
 
 
 def _check_rates(name: str, values: ArrayLike, rows: int, model: Model) -> Array:
@@ -256,7 +259,8 @@ def read_motion(
         The file cannot be used.
     """
     differentiation = Differentiation.plan(trajectory, load.robot.model, smoothing=smoothing)
-    return _with_doubts(_read_states(load, differentiation.states(_CHUNK, progress)), trajectory)
+    motion = _read_states(load, differentiation.states(_ROWS_PER_BATCH, progress))
+    return _with_doubts(motion, trajectory)
 
 
 def reported_motion(report: TorqueReport) -> DrawnMotion:
@@ -270,29 +274,31 @@ def reported_motion(report: TorqueReport) -> DrawnMotion:
     -------
     motion : DrawnMotion
     """
-    plan = report.differentiation
-    motion = _with_doubts(_read_states(report.load, plan.states(_CHUNK, None)), plan.trajectory)
+    differentiation = report.differentiation
+    motion = _read_states(report.load, differentiation.states(_ROWS_PER_BATCH, None))
+    motion = _with_doubts(motion, differentiation.trajectory)
     return replace(motion, report=report, clearance=report.clearance)
 
 
 def _with_doubts(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
     """Motion with doubts about its log, and a verdict of LOOK AGAIN for contradictions."""
     doubts = trajectory.doubts(motion.load.robot.limits)
-    refused = [*motion.load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
-    warnings = _look_again_warnings(refused)
+    contradictions = [*motion.load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
+    warnings = _look_again_warnings(contradictions)
     for doubt in doubts:
         is_question = doubt.level == "note" and doubt.kind in ASKED
         if doubt.level == "unsure" or is_question:
             warnings.append(str(doubt))
-    verdict = Verdict.from_reasons(look_again=refused)
-    return replace(motion, warnings=(*warnings, *motion.warnings), verdict=verdict, refused=tuple(refused))
+    warnings += motion.warnings
+    verdict = Verdict.from_reasons(look_again=contradictions)
+    return replace(motion, warnings=tuple(warnings), verdict=verdict, refused=tuple(contradictions))
 
 
 def _read_states(load: LoadCase, batches: Iterator[MotionSamples]) -> DrawnMotion:
     """Read the motion in one pass and bounded memory, keeping the peaks of torques, velocities and power."""
     nq, nv = load.robot.nq, load.robot.nv
-    curves = slice(1, 2 + 2 * nv)  # columns whose peaks are kept: power, torques and velocities
-    states = Decimation(4 * _MAX_STATES, curves)
+    peak_columns = slice(1, 2 + 2 * nv)  # peaks of these columns are kept: power, torques and velocities
+    states = Decimation(_MAX_STATES, peak_columns)
     peaks = np.full(nv, -np.inf)
     check = LimitCheck(load.robot.model, bounds_of(load.robot))
     for batch in batches:
@@ -304,7 +310,7 @@ def _read_states(load: LoadCase, batches: Iterator[MotionSamples]) -> DrawnMotio
         power = (torques * batch.dq).sum(axis=1)
         columns = [batch.time, power, torques, batch.dq, batch.q, batch.ddq, batch.stationary]
         states.add(np.column_stack(columns))
-    ends_of_columns = np.cumsum([1, 1, nv, nv, nq, nv])
+    ends_of_columns = np.cumsum([1, 1, nv, nv, nq, nv])  # in the order of ``columns``; the last end is implied
     time, _, torques, dq, q, ddq, stationary = np.split(states.result(), ends_of_columns, axis=1)
     violations = check.violations()
     return DrawnMotion(
@@ -329,7 +335,7 @@ def _sentence(violation: Violation) -> str:
     else:
         limit = "upper limit" if violation.value > violation.limit else "lower limit"
     excess = number(violation.by, 3)
-    if violation.limit:
+    if violation.limit:  # there is no share of a limit of zero
         share = violation.by / abs(violation.limit)
         excess += f" ({percent(share, 3)})"
     return f"{violation.joint} exceeds its {limit} by {excess} at t = {seconds(violation.time)} s"

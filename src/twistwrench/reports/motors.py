@@ -25,7 +25,7 @@ _MAX_POINTS = 4096
 SURE_LOAD = 3.0
 """Standard deviations of a load within which noise decides.
 
-The deviations are estimated from few draws; one load of a thousand is farther off.
+The deviations are estimated from few draws; one load of a thousand is farther from its estimate than this.
 """
 
 
@@ -36,7 +36,7 @@ class Demand:
     what: str
     """Name of the load, such as "rms current"."""
     value: float
-    """Largest or mean load, in ``unit``."""
+    """Largest load, or a mean of the load over the motion, in ``unit``."""
     limit: float
     """Limit of the load, in ``unit``."""
     unit: str
@@ -51,28 +51,28 @@ class Demand:
     @property
     def over(self) -> bool:
         """True if the value exceeds its limit by more than round-off, and by more than noise explains."""
-        surely = replace(self, value=self.value - SURE_LOAD * self.sigma)
-        return bool(over_limit(surely.share))
+        lower_bound = replace(self, value=self.value - SURE_LOAD * self.sigma)
+        return bool(over_limit(lower_bound.share))
 
     @property
     def open(self) -> bool:
         """True if noise decides whether the limit is exceeded."""
-        perhaps = replace(self, value=self.value + SURE_LOAD * self.sigma)
-        return not self.over and bool(over_limit(perhaps.share))
+        upper_bound = replace(self, value=self.value + SURE_LOAD * self.sigma)
+        return not self.over and bool(over_limit(upper_bound.share))
 
     @property
     def share(self) -> float:
         """Value over limit, both relative to :attr:`base`; 0 for an infinite limit, inf if the limit is not above the base."""
-        room = self.limit - self.base
-        return (self.value - self.base) / room if room > 0 else math.inf
+        allowed_rise = self.limit - self.base
+        return (self.value - self.base) / allowed_rise if allowed_rise > 0 else math.inf
 
     @property
     def words(self) -> str:
         """Text of the demand with its limit."""
-        value = quantity(self.value, self.unit)
+        value_text = quantity(self.value, self.unit)
         if self.sigma:
-            value = f"{number(self.value)} ± {deviation(self.sigma)} {self.unit}"
-        text = f"{self.what} {value} of {number(self.limit)} ({percent_of_limit(self.share)})"
+            value_text = f"{number(self.value)} ± {deviation(self.sigma)} {self.unit}"
+        text = f"{self.what} {value_text} of {number(self.limit)} ({percent_of_limit(self.share)})"
         if not math.isnan(self.time):
             text += f" at t = {seconds(self.time)} s"
         return text
@@ -87,7 +87,7 @@ class MotorUse:
     motor: Motor
     """Data sheet of the motor."""
     demands: tuple[Demand, ...]
-    """One for each rating that bounds a load."""
+    """One demand for each rating that bounds a load."""
     power: float
     """Peak electrical power [W]."""
     heat: float
@@ -116,36 +116,36 @@ class MotorUse:
 
 
 class MotorFigures(NamedTuple):
-    """Figures of the motors with a data sheet, in some rows of a motion; (motors,) each."""
+    """Loads of the motors with a data sheet in some rows of a motion, one entry for each motor."""
 
     peaks: dict[str, Extrema]
-    """Largest magnitudes of current, voltage, speed and power."""
+    """Largest magnitudes, by load: current, voltage, speed and power."""
     squares: Array
-    """Share of these rows in the time mean of the squared current [A²]."""
+    """Time mean of the squared current [A²], as a sum over these rows alone; sums of all parts of a motion add up."""
     points: Array
     """(points, motors, 3) times, speeds and torques of evenly spaced states."""
 
     @classmethod
     def from_rows(cls, model: Model, rows: slice, time: Array, loads: MotorLoads) -> MotorFigures:
-        """Figures of consecutive rows of a motion of all times ``time`` (n,), from the motors' loads in these rows."""
-        described = [k for k, actuator in enumerate(model.actuators.values()) if actuator.motor is not None]
+        """Figures of consecutive rows of a motion, from all its times (n,) and from the motors' loads in these rows."""
+        with_motor = [k for k, actuator in enumerate(model.actuators.values()) if actuator.motor is not None]
         time_of_rows = time[rows]
         peaks = {}
         for name in ("current", "voltage", "speed", "power"):
-            load = getattr(loads, name)[:, described]
+            load = getattr(loads, name)[:, with_motor]
             peaks[name] = Extrema.from_rows(time_of_rows, np.abs(load), load)
-        squares = mean_weights(time, rows) @ loads.current[:, described] ** 2
+        squares = mean_weights(time, rows) @ loads.current[:, with_motor] ** 2
         stride = stride_of(len(time), _MAX_POINTS)
         first_point = -rows.start % stride  # points are at multiples of the stride in the motion
         points = slice(first_point, None, stride)
-        speed = loads.speed[points, described]
-        torque = loads.torque[points, described]
+        speed = loads.speed[points, with_motor]
+        torque = loads.torque[points, with_motor]
         point_times = np.broadcast_to(time_of_rows[points, None], speed.shape)
         return cls(peaks, squares, np.stack([point_times, speed, torque], axis=-1))
 
     @classmethod
     def from_parts(cls, parts: Sequence[MotorFigures]) -> MotorFigures:
-        """Figures of a motion from those of its consecutive parts."""
+        """Figures of a motion from the figures of its consecutive parts."""
         peaks = dict(parts[0].peaks)
         for name in peaks:
             peaks[name] = Extrema.merge([part.peaks[name] for part in parts])
@@ -155,43 +155,45 @@ class MotorFigures(NamedTuple):
     def uses(self, model: Model) -> tuple[MotorUse, ...]:
         """Use of each motor in the order of the file."""
         uses = []
-        rms_current = np.sqrt(self.squares)
-        described = [actuator for actuator in model.actuators.values() if actuator.motor is not None]
-        for k, actuator in enumerate(described):
+        rms_currents = np.sqrt(self.squares)
+        with_motor = [actuator for actuator in model.actuators.values() if actuator.motor is not None]
+        for k, actuator in enumerate(with_motor):
             motor = actuator.motor
             assert motor is not None
-            rms = float(rms_current[k])
-            loads = {
+            rms_current = float(rms_currents[k])
+            # two names of the peak current, since different ratings bound them
+            loads = {  # value and time of each load
                 "peak current": self._peak("current", k),
-                "rms current": (rms, math.nan),
+                "rms current": (rms_current, math.nan),
                 "current": self._peak("current", k),
                 "voltage": self._peak("voltage", k),
                 "speed": self._peak("speed", k),
                 "power": self._peak("power", k),
             }
-            heat = motor.resistance * rms**2
-            power, _ = loads["power"]
-            time, speed, torque = self.points[:, k].T
             demands = _demands(motor, loads)
-            uses.append(MotorUse(actuator.joint, motor, demands, power, heat, time, speed, torque))
+            peak_power, _ = loads["power"]
+            heat = motor.resistance * rms_current**2
+            time, speed, torque = self.points[:, k].T
+            uses.append(MotorUse(actuator.joint, motor, demands, peak_power, heat, time, speed, torque))
         return tuple(uses)
 
     def _peak(self, name: str, k: int) -> tuple[float, float]:
-        """Peak of a load of one motor, and its time."""
-        return float(self.peaks[name].value[k]), float(self.peaks[name].time[k])
+        """Peak of a load of motor k, and the time of the peak [s]."""
+        peak = self.peaks[name]
+        return float(peak.value[k]), float(peak.time[k])
 
 
 def _demands(motor: Motor, loads: Mapping[str, tuple[float, float]]) -> tuple[Demand, ...]:
-    """Demands of the loads for which a motor has a rating, from the value and the time of each load."""
+    """Demands of the loads that a rating bounds; ``loads`` has the value and the time of each load, by name."""
     from ..formats.yaml import si_unit
 
-    rating_by_load = {rating.load: name for name, rating in RATINGS.items() if rating.load}
+    rating_names = {rating.load: name for name, rating in RATINGS.items() if rating.load}  # by load
     demands = []
     for load, (value, time) in loads.items():
-        if load in rating_by_load:
-            name = rating_by_load[load]
-            limit = getattr(motor, name)
-            unit = si_unit(RATINGS[name].kind)
+        if load in rating_names:
+            rating_name = rating_names[load]
+            limit = getattr(motor, rating_name)
+            unit = si_unit(RATINGS[rating_name].kind)
             demands.append(Demand(load, value, limit, unit, time))
     return tuple(demands)
 
@@ -204,7 +206,8 @@ class Steps:
 
     def __init__(self, progress: Callable[[float], None] | None, weights: Sequence[float]) -> None:
         self._progress = progress
-        self._bounds = [sum(weights[:k]) / sum(weights) for k in range(len(weights) + 1)]  # of the steps to come
+        # share of the work that is finished when each remaining step begins, and when the last one ends
+        self._bounds = [sum(weights[:k]) / sum(weights) for k in range(len(weights) + 1)]
 
     def next(self, size: int | None = None) -> Callable[[float], None] | None:
         """Begin the next step; returns a callback, or None without ``progress``.
@@ -217,15 +220,16 @@ class Steps:
         progress = self._progress
         if progress is None:
             return None
-        done = 0.0
+        finished_size = 0.0
 
         def report_share(share: float) -> None:
             progress(begin + (end - begin) * min(share, 1.0))
 
         def report_portion(portion: float) -> None:
-            nonlocal done
-            done += portion
-            report_share(done / size if size else 1.0)
+            nonlocal finished_size
+            finished_size += portion
+            share = finished_size / size if size else 1.0  # a step of size 0 is finished
+            report_share(share)
 
         return report_share if size is None else report_portion
 

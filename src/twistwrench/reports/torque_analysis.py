@@ -61,11 +61,11 @@ T = TypeVar("T")
 _MAX_ROWS_BESIDE_PEAK = 2048
 """Largest number of rows on either side of the worst joint's peak."""
 _MAX_NUMBERS_BESIDE_PEAK = 1 << 23
-"""Largest count of numbers in these rows: 64 MiB."""
+"""Largest count of numbers in the rows beside a peak: 64 MiB."""
 _MASS_SAMPLES = 32
 """Number of states of each slice used for the noise of torques and for the largest payload torque."""
 _BAND_SAMPLES = 512
-"""Number of states of each slice with a mass matrix, which is used up to the next one."""
+"""Number of states of each slice whose mass matrix is computed; each matrix is used up to the next of these states."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +85,14 @@ class Extremes:
     def from_states(
         cls, load: LoadCase, limits: Limits, s: MotionSamples, torques: tuple[Array, Array, Array]
     ) -> Extremes:
-        """Extremes of states, and of torques: their times (n,), those of the drives (n, nv) and of limited mimic joints."""
+        """Extremes of the states ``s`` and of torques.
+
+        ``torques`` are times (n,), torques of the drives (n, nv), and torques of mimic joints with limits (n, mimic joints).
+        """
         position_of = Coordinates.from_model(load.robot.model).position_of
         has_position = position_of >= 0  # balls have none
         q = np.where(has_position, s.measured[:, np.maximum(position_of, 0)], 0.0)
-        excess_and_value = {
+        excess_and_value = {  # excess over the limit, and value, by kind of limit
             "lower": (np.where(has_position, limits.lower, -np.inf) - q, q),
             "upper": (q - np.where(has_position, limits.upper, np.inf), q),
             "velocity": (np.abs(s.dq) - limits.velocity, s.dq),
@@ -105,14 +108,14 @@ class Extremes:
 
     @classmethod
     def from_parts(cls, parts: Sequence[Extremes]) -> Extremes:
-        """Extremes of consecutive rows from those of their parts."""
-        first = parts[0]
+        """Extremes of consecutive rows from the extremes of their parts."""
+        first_part = parts[0]
         excess = {}
-        for kind in first.excess:
+        for kind in first_part.excess:
             excess[kind] = Extrema.merge([part.excess[kind] for part in parts])
         peak = Extrema.merge(_field_of_each(parts, "peak"))
         borne = Extrema.merge(_field_of_each(parts, "borne"))
-        return cls(first.load, first.limits, excess, peak, borne)
+        return cls(first_part.load, first_part.limits, excess, peak, borne)
 
     @property
     def _model(self) -> Model:
@@ -129,19 +132,19 @@ class Extremes:
         velocity = self.excess["velocity"]
         if not len(names) or not np.isfinite(velocity.time).any():
             return ()
-        near = []
+        nearest = []
         has_limit = np.isfinite(limits.velocity)
         if has_limit.any():
             shares = np.abs(velocity.signed) / np.where(has_limit, limits.velocity, 1.0)
-            near.append(_nearest_limit(names, "velocity", np.where(has_limit, shares, 0.0), velocity.time))
+            nearest.append(_nearest_limit(names, "velocity", np.where(has_limit, shares, 0.0), velocity.time))
         has_range = np.isfinite(limits.lower) & np.isfinite(limits.upper) & (limits.upper > limits.lower)
         if has_range.any():
             ranges = np.where(has_range, limits.upper - limits.lower, 1.0)
             for excess in (self.excess["lower"], self.excess["upper"]):
                 # 1 at the limit and 0 in the middle of the range, where the excess is minus half of the range.
                 shares = np.where(has_range, 1.0 + 2.0 * excess.value / ranges, 0.0)
-                near.append(_nearest_limit(names, "position", shares, excess.time))
-        return tuple(sorted(near, key=lambda limit: -limit.share))
+                nearest.append(_nearest_limit(names, "position", shares, excess.time))
+        return tuple(sorted(nearest, key=lambda limit: -limit.share))
 
     def bearings(self) -> tuple[BearingUse, ...]:
         """Largest loads of the bearings that have limits, by joint."""
@@ -185,9 +188,9 @@ class Extremes:
     def _follower_excesses(self) -> Iterator[Excess]:
         """Exceeded torque limits of mimic joints."""
         model = self._model
-        for i, k in enumerate(model.limited_followers):
-            body = model.bodies[k]
-            torque, time = float(self.borne.signed[i]), float(self.borne.time[i])
+        for k, body_number in enumerate(model.limited_followers):
+            body = model.bodies[body_number]
+            torque, time = float(self.borne.signed[k]), float(self.borne.time[k])
             if abs(torque) > body.effort + margin(body.effort):
                 angular = bool(body.joint.turning[0])
                 unit = unit_of("tau", angular)
@@ -201,14 +204,14 @@ def _nearest_limit(names: Sequence[str], kind: str, shares: Array, times: Array)
 
 
 def _severity_order(excess: Excess) -> tuple[bool, str, float]:
-    """Key of an order that begins with the worst torque."""
+    """Sort key that puts the worst torque first; limits of zero have share 0."""
     share = abs(excess.value / excess.limit) if excess.limit else 0.0
     return excess.kind != "effort", excess.kind, -share
 
 
 @dataclass(frozen=True, eq=False)
 class MotionFigures:
-    """Figures of consecutive rows of a motion; figures of slices are joined to those of the whole motion."""
+    """Figures of consecutive rows of a motion; figures of slices are joined to figures of the whole motion."""
 
     rows: int
     """Number of rows."""
@@ -218,7 +221,7 @@ class MotionFigures:
     """Extremes of all rows."""
     sound: Extremes
     """Extremes outside doubtful spans of time."""
-    alone: Extrema
+    unloaded_peak: Extrema
     """Largest torques without payloads and wrenches, as recorded."""
     speed: Extrema
     """Largest velocities."""
@@ -244,46 +247,47 @@ class MotionFigures:
     """Outliers (m, 5) as in :func:`outliers_of`."""
     motors: MotorFigures | None
     """Figures of the motors; None without motors."""
-    margin: PayloadShares | None
+    payload_shares: PayloadShares | None
     """Torques for the largest mass of the payload; None if the mass is not determined."""
-    carried: float
+    payload_torque: float
     """Largest torque due to the payloads, in some of the states."""
-    compared: tuple[TorqueComparison, ...]
-    """Comparisons of measured torques with computed ones with payloads and wrenches, and without them, since the log may have
-    been recorded either way."""
-    above: Array
+    comparisons: tuple[TorqueComparison, ...]
+    """Comparisons of measured with computed torques, with payloads and wrenches and without them, since the log may have been
+    recorded either way."""
+    is_above_limit: Array
     """(rows, nv) True if a measured torque is above its limit."""
 
     @classmethod
     def from_parts(cls, parts: Sequence[MotionFigures]) -> MotionFigures:
-        """Figures of consecutive rows from those of their parts."""
-        each = partial(_field_of_each, parts)
+        """Figures of consecutive rows from the figures of their parts."""
+        field_of_each = partial(_field_of_each, parts)
         drives = np.arange(parts[0].whole.peak.value.size)
         part_with_peak = np.argmax([part.whole.peak.value for part in parts], axis=0)
-        states_at_peaks = _join_samples(each("at_peaks"))  # one for each part and drive, parts first
-        q, dq = map(np.concatenate, zip(*each("edges"), strict=True))
+        # states of all drives in the first part, then in the second, and so on
+        states_at_peaks = _join_samples(field_of_each("at_peaks"))
+        q, dq = map(np.concatenate, zip(*field_of_each("edges"), strict=True))
         return cls(
-            rows=sum(each("rows")),
-            squares=np.sum(each("squares"), axis=0),
-            whole=Extremes.from_parts(each("whole")),
-            sound=Extremes.from_parts(each("sound")),
-            alone=Extrema.merge(each("alone")),
-            speed=Extrema.merge(each("speed")),
+            rows=sum(field_of_each("rows")),
+            squares=np.sum(field_of_each("squares"), axis=0),
+            whole=Extremes.from_parts(field_of_each("whole")),
+            sound=Extremes.from_parts(field_of_each("sound")),
+            unloaded_peak=Extrema.merge(field_of_each("unloaded_peak")),
+            speed=Extrema.merge(field_of_each("speed")),
             at_peaks=states_at_peaks[part_with_peak * len(drives) + drives],
-            envelope=Bins.from_parts(each("envelope")),
-            band=_join_optional(Bins.from_parts, each("band")),
-            runs=_join_optional(Runs.from_parts, each("runs")),
+            envelope=Bins.from_parts(field_of_each("envelope")),
+            band=_join_optional(Bins.from_parts, field_of_each("band")),
+            runs=_join_optional(Runs.from_parts, field_of_each("runs")),
             edges=(q, dq),
-            fastest=np.max(each("fastest"), axis=0),
-            largest=np.max(each("largest"), axis=0),
-            noise=np.max(each("noise"), axis=0),
-            stationary=np.sum(each("stationary"), axis=0),
-            outliers=np.concatenate(each("outliers")),
-            motors=_join_optional(MotorFigures.from_parts, each("motors")),
-            margin=_join_optional(PayloadShares.from_parts, each("margin")),
-            carried=max(each("carried")),
-            compared=tuple(map(TorqueComparison.from_parts, zip(*each("compared"), strict=True))),
-            above=np.concatenate(each("above")),
+            fastest=np.max(field_of_each("fastest"), axis=0),
+            largest=np.max(field_of_each("largest"), axis=0),
+            noise=np.max(field_of_each("noise"), axis=0),
+            stationary=np.sum(field_of_each("stationary"), axis=0),
+            outliers=np.concatenate(field_of_each("outliers")),
+            motors=_join_optional(MotorFigures.from_parts, field_of_each("motors")),
+            payload_shares=_join_optional(PayloadShares.from_parts, field_of_each("payload_shares")),
+            payload_torque=max(field_of_each("payload_torque")),
+            comparisons=tuple(map(TorqueComparison.from_parts, zip(*field_of_each("comparisons"), strict=True))),
+            is_above_limit=np.concatenate(field_of_each("is_above_limit")),
         )
 
 
@@ -306,7 +310,7 @@ def _join_optional(join: Callable[[Sequence[T]], T], parts: Sequence[T | None]) 
 
 
 def _moved_velocities(model: Model, column: int) -> tuple[slice, float]:
-    """Velocities of the joint with a coordinate, and their largest acceleration if that of the coordinate is 1."""
+    """Velocities of the joint of a coordinate, and their largest acceleration if the coordinate accelerates by 1."""
     body = next(b for b in model.leaders if b.q_index <= column < b.q_index + b.joint.nq)
     _, velocities = body.places
     if body.joint.quaternion is None:
@@ -325,6 +329,7 @@ class MotionPass:
     load: LoadCase
     limits: Limits
     plan: Differentiation
+    """Way in which rates are derived from the log."""
     estimating: bool = False
     """True if peaks are to be estimated without noise."""
 
@@ -358,15 +363,15 @@ class MotionPass:
         """Draws for estimated peaks."""
         return PeakBootstrap(self.plan, self.load)
 
-    def figures(self, first: int, s: MotionSamples, torques: Array, measured: Array | None) -> MotionFigures:
-        """Figures of n rows of the motion, which begin at its row ``first``.
+    def figures(self, first_row: int, s: MotionSamples, torques: Array, measured: Array | None) -> MotionFigures:
+        """Figures of n rows of the motion, which begin at its row ``first_row``.
 
-        ``torques`` (n, nv) are those of the drives at the states ``s``; ``measured`` (n, nv) are those of the log, if any.
+        ``torques`` (n, nv) are computed for the drives at the states ``s``; ``measured`` (n, nv) are in the log, if any.
         """
         load = self.load
-        count = len(self.time)
-        rows = slice(first, first + len(s))
-        computed = [torques]
+        row_count = len(self.time)
+        rows = slice(first_row, first_row + len(s))
+        computed = [torques]  # with payloads and wrenches, and without them
         if load.carries:
             computed.append(load.drive_torques(load.unloaded_torques(s)))
         unloaded = computed[-1]
@@ -375,29 +380,32 @@ class MotionPass:
             borne = load.follower_torques(s)
         whole = Extremes.from_states(load, self.limits, s, (s.time, torques, borne))
         doubtful = self.spans.within(s.time)
-        edges = self._edges[(self._edges >= rows.start) & (self._edges < rows.stop)] - first
+        edges = self._edges[(self._edges >= rows.start) & (self._edges < rows.stop)] - first_row
         some_states = s[:: max(1, len(s) // _MASS_SAMPLES)]
         sigma = np.zeros_like(torques)
         if self.estimating or measured is not None:
             sigma = self._sigma(s)
-        band = runs = motors = None
+        band: Bins | None = None
+        runs: Runs | None = None
+        motors: MotorFigures | None = None
         if self.estimating:
-            band = Bins.from_rows(first, s.time, torques - INTERVAL * sigma, torques + INTERVAL * sigma, count)
-            runs = Runs.from_rows(first, np.abs(torques), self.bootstrap.cell)
+            half_width = INTERVAL * sigma
+            band = Bins.from_rows(first_row, s.time, torques - half_width, torques + half_width, row_count)
+            runs = Runs.from_rows(first_row, np.abs(torques), self.bootstrap.cell)
         if load.with_load.actuators:
             motors = MotorFigures.from_rows(load.with_load.model, rows, self.time, load.motor_loads(s))
-        carried = 0.0
+        payload_torque = 0.0
         if load.payloads:
-            carried = float(np.abs(load.payload_torques(some_states)).max(initial=0.0))
+            payload_torque = float(np.abs(load.payload_torques(some_states)).max(initial=0.0))
         return MotionFigures(
             rows=len(s),
             squares=mean_weights(self.time, rows) @ (torques * torques),
             whole=whole,
             sound=self._sound_extremes(whole, s, torques, borne, doubtful),
-            alone=Extrema.from_rows(s.time, np.abs(unloaded), unloaded),
+            unloaded_peak=Extrema.from_rows(s.time, np.abs(unloaded), unloaded),
             speed=Extrema.from_rows(s.time, np.abs(s.dq), s.dq),
             at_peaks=s[np.abs(torques).argmax(axis=0)],
-            envelope=Bins.from_rows(first, s.time, torques, torques, count),
+            envelope=Bins.from_rows(first_row, s.time, torques, torques, row_count),
             band=band,
             runs=runs,
             edges=(s.q[edges], s.dq[edges]),
@@ -407,15 +415,15 @@ class MotionPass:
             stationary=s.stationary.sum(axis=0),
             outliers=self._outliers(s, torques),
             motors=motors,
-            margin=self._payload_shares(s, torques, borne),
-            carried=carried,
+            payload_shares=self._payload_shares(s, torques, borne),
+            payload_torque=payload_torque,
             **self._comparisons(s.time, computed, measured, sigma, doubtful),
         )
 
     def _sound_extremes(
         self, whole: Extremes, s: MotionSamples, torques: Array, borne: Array, doubtful: Array
     ) -> Extremes:
-        """Extremes without doubtful rows. If no rates are derived, torques of all rows count."""
+        """Extremes without doubtful rows (mask (n,)). If the log has all rates, torques of all rows count."""
         if not self.spans:
             return whole
         torque_rows = ~doubtful
@@ -425,7 +433,7 @@ class MotionPass:
         return Extremes.from_states(self.load, self.limits, s[~doubtful], time_and_torques)
 
     def _payload_shares(self, s: MotionSamples, torques: Array, borne: Array) -> PayloadShares | None:
-        """Torques and the parts due to the payload, for its largest mass; None if that mass is not determined."""
+        """Torques and their parts due to the payload, which determine its largest mass; None if they do not."""
         load = self.load
         if not margin_determined(load):
             return None
@@ -437,16 +445,16 @@ class MotionPass:
     def _comparisons(
         self, time: Array, computed: Sequence[Array], measured: Array | None, sigma: Array, doubtful: Array
     ) -> dict[str, Any]:
-        """Comparisons of measured torques (n, nv) with computed ones, and where measured ones are above their limits.
+        """Comparisons of measured with computed torques (n, nv), and mask of measured torques above their limits.
 
         The keys are the fields of :class:`MotionFigures`.
         """
         if measured is None:
-            return {"compared": (), "above": np.zeros((len(time), 0), bool)}
+            return {"comparisons": (), "is_above_limit": np.zeros((len(time), 0), bool)}
         tau = self.load.drive_torques(measured)
-        compared = [TorqueComparison.from_rows(time, torques, tau, sigma, doubtful) for torques in computed]
-        above = above_limits(tau, self.limits.effort, self._measured_noise)
-        return {"compared": tuple(compared), "above": above}
+        comparisons = [TorqueComparison.from_rows(time, torques, tau, sigma, doubtful) for torques in computed]
+        is_above_limit = above_limits(tau, self.limits.effort, self._measured_noise)
+        return {"comparisons": tuple(comparisons), "is_above_limit": is_above_limit}
 
     def _sigma(self, s: MotionSamples) -> Array:
         """Standard deviation (n, nv) of the torques M q̈, from the mass matrices M of some of the states."""
@@ -475,20 +483,22 @@ class MotionPass:
         order = 2  # accelerations are this derivative of the smoothed columns
         if self.plan.source == "velocities":
             order = 1
-        gain = pulse_peak(order, self.plan.quality.step)
+        acceleration_per_residual = pulse_peak(order, self.plan.quality.step)
         rows, columns = np.nonzero(s.outlier[:, :, 0])
         outliers = np.column_stack([columns, s.time[rows], s.outlier[rows, columns], np.zeros(len(rows))])
         for outlier, row in zip(outliers, rows.tolist(), strict=True):
-            acceleration = gain * abs(float(outlier[3]))
-            outlier[4] = self._may_exceed_limit(s.q[row], torques[row], int(outlier[0]), order, acceleration)
+            column, residual = int(outlier[0]), float(outlier[3])
+            acceleration = acceleration_per_residual * abs(residual)
+            outlier[4] = self._may_exceed_limit(s.q[row], torques[row], column, order, acceleration)
         return outliers
 
     def _may_exceed_limit(self, q: Array, torques: Array, column: int, order: int, acceleration: float) -> bool:
-        """True if an acceleration at a smoothed column adds a torque to ``torques`` (nv,) that no limit covers."""
+        """True if an acceleration of a smoothed column changes ``torques`` (nv,) beyond a limit, or where there is no limit."""
         velocities, factor = slice(column, column + 1), 1.0
-        if order == 2:
+        if order == 2:  # the column is a coordinate, not a velocity
             velocities, factor = _moved_velocities(self.load.robot.model, column)
-        change = np.abs(self.load.mass_matrix(q)[:, velocities]).sum(axis=1) * factor * acceleration
+        M_columns = self.load.mass_matrix(q)[:, velocities]
+        change = np.abs(M_columns).sum(axis=1) * factor * acceleration
         effort = np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
         is_within_limit = np.abs(torques) + change <= effort
         is_negligible = change <= ZERO * np.abs(torques).max()
@@ -510,7 +520,7 @@ class MotionPass:
         """Causes (nv,) of the peak of each torque."""
         terms = self.load.terms(found.at_peaks)
         for name, torques in terms.items():
-            # Row k has all torques at the peak of drive k, of which only that of drive k is asked for.
+            # Row k has the torques of all drives at the peak of drive k; only its own torque counts.
             terms[name] = np.diagonal(self.load.drive_torques(torques)).copy()
         return terms
 
@@ -518,10 +528,10 @@ class MotionPass:
         """States on either side of a joint's peak."""
         robot = self.load.robot
         numbers_per_row = 1 + 2 * robot.nq + 3 * robot.nv
-        rows_in_memory = max(1, _MAX_NUMBERS_BESIDE_PEAK // (2 * robot.nv * numbers_per_row))
-        reach = min(_MAX_ROWS_BESIDE_PEAK, rows_in_memory)
+        max_rows = max(1, _MAX_NUMBERS_BESIDE_PEAK // (2 * robot.nv * numbers_per_row))
+        rows_on_each_side = min(_MAX_ROWS_BESIDE_PEAK, max_rows)
         peak_row = int(np.searchsorted(self.time, found.whole.peak.time[joint]))
-        return self.plan.states_near(peak_row, reach)
+        return self.plan.states_near(peak_row, rows_on_each_side)
 
     def estimates(self, found: MotionFigures, progress: Callable[[float], None] | None) -> list[PeakEstimate]:
         """Noise-corrected peaks of all joints."""
@@ -539,20 +549,20 @@ class MotionPass:
         return estimates
 
     def measured_torques(self, found: MotionFigures) -> tuple[MeasuredTorque, ...]:
-        """Measured torques compared with those of the robot, with or without load, whichever agrees better."""
-        if not found.compared:
+        """Measured torques compared with computed torques, with or without load, whichever agree better; empty without any."""
+        if not found.comparisons:
             return ()
-        best = min(found.compared, key=lambda comparison: comparison.misfit)
+        best = min(found.comparisons, key=lambda comparison: comparison.misfit)
         median_step = 0.0
         if found.rows > 1:
             median_step = float(np.median(np.diff(self.time)))
-        above = TimeAbove.from_rows(self.time, found.above)
+        above = TimeAbove.from_rows(self.time, found.is_above_limit)
         labels = self.load.with_load.model.drive_labels
         return best.torques(labels, self.load.units, self.limits.effort, above, median_step)
 
 
-# If noise of a log matters, a second pass over the smoothed log gives all results: peaks, causes, limits, motors, files and
-# pictures. The results of the unsmoothed log are reported beside them.
+# If noise of a log matters, all results come from a second pass over the smoothed log: peaks, causes, limits, motors, files and
+# pictures. Results of the unsmoothed log are reported beside them.
 
 _NUMBERS_PER_SLICE = 1 << 19
 """Rows times velocities of a slice: 4 MiB per array."""
@@ -591,8 +601,10 @@ def analyse(
     else:
         unsmoothed = passes.run(differentiation)
         report = _report(*unsmoothed)
-        if any(j.noise > MIN_NOISE_SHARE * report.reference(j) for j in report.joints):
-            report = passes.report_of_smoothed(differentiation.with_smoothing(steps.next()), unsmoothed)
+        noise_matters = any(j.noise > MIN_NOISE_SHARE * report.reference(j) for j in report.joints)
+        if noise_matters:
+            smoothed = differentiation.with_smoothing(steps.next())
+            report = passes.report_of_smoothed(smoothed, unsmoothed)
     steps.done()
     return report
 
@@ -607,18 +619,18 @@ class _Passes:
     steps: Steps
 
     def run(self, plan: Differentiation, *, estimating: bool = False) -> tuple[MotionPass, MotionFigures]:
-        """Take one pass; returns it with its figures."""
+        """Take one pass; returns the pass and its figures."""
         progress = self.steps.next(len(plan.trajectory.table))
         motion_pass = MotionPass(self.load, self.limits, plan, estimating)
         parts: list[MotionFigures] = []
-        first = 0
+        first_row = 0
         for states, motion, inner in plan.surrounded_states(self.rows_per_slice, progress):
-            s = states[inner]
+            s = states[inner]  # without the neighbours of the slice
             torques = self.load.drive_torques(self.load.torques(s))
             _check_finite(torques, s)
             measured = None if motion.tau is None else motion.tau[inner]
-            parts.append(motion_pass.figures(first, s, torques, measured))
-            first += len(s)
+            parts.append(motion_pass.figures(first_row, s, torques, measured))
+            first_row += len(s)
         return motion_pass, MotionFigures.from_parts(parts)
 
     def report_of_smoothed(
@@ -648,10 +660,10 @@ def _report(
             joints[k] = replace(joints[k], estimate=estimate)
     worst = worst_joint(joints)
     has_payload_mass = any(payload.mass for payload in load.payloads)
-    payload_adds_nothing = found.carried <= ZERO * float(found.whole.peak.value.max(initial=0.0))
+    payload_adds_nothing = found.payload_torque <= ZERO * float(found.whole.peak.value.max(initial=0.0))
     largest_payload = None
-    if found.margin is not None:
-        largest_payload = payload_margin(load, run.limits.effort, found.margin)
+    if found.payload_shares is not None:
+        largest_payload = payload_margin(load, run.limits.effort, found.payload_shares)
     return TorqueReport(
         robot=load.robot.name,
         trajectory=str(plan.trajectory.path),
@@ -685,7 +697,7 @@ def _report(
 
 
 def _unsmoothed_results(run: MotionPass, found: MotionFigures) -> AsDerived:
-    """Results of the unsmoothed log, for the report beside those of the smoothed one."""
+    """Results of the unsmoothed log, for the report of the smoothed log."""
     return AsDerived(run.plan, found.whole.excesses(), found.envelope[1:], _motor_uses(run, found))
 
 
@@ -697,15 +709,15 @@ def _motor_uses(run: MotionPass, found: MotionFigures) -> tuple[MotorUse, ...]:
 
 
 def _spans_of(plan: Differentiation) -> DoubtfulSpans:
-    """Doubtful spans of a log, longer by the rows to which smoothing spreads wrong ones."""
+    """Doubtful spans of a log, extended by the rows to which smoothing spreads wrong rows."""
     smoothing_width = float(plan.strengths.max(initial=0.0)) ** (1 / 6)
-    rows = SURROUNDINGS + math.ceil(_SMOOTHING_REACH * smoothing_width)
+    extension_rows = SURROUNDINGS + math.ceil(_SMOOTHING_REACH * smoothing_width)
     log = plan.trajectory
-    return doubtful_spans(log.instants, plan.quality.step, log.origin, rows)
+    return doubtful_spans(log.instants, plan.quality.step, log.origin, extension_rows)
 
 
 _SMOOTHING_REACH = 16.0
-"""Rows, in units of strength^(1/6), to which smoothing spreads a wrong row by more than 1e-3 of it."""
+"""Number of rows to which smoothing spreads more than 1e-3 of a wrong row, in units of strength^(1/6)."""
 
 
 def _measured_noise(plan: Differentiation) -> Array:
@@ -716,7 +728,7 @@ def _measured_noise(plan: Differentiation) -> Array:
         return no_noise
     times: list[Array] = []
     torques: list[Array] = []
-    for table in excerpts(log.table, *_NOISE_EXCERPTS):
+    for table in excerpts(log.table, _NOISE_EXCERPT_COUNT, _ROWS_PER_NOISE_EXCERPT):
         rows = log.motion(table)
         if rows.tau is not None:
             times.append(rows.time)
@@ -726,8 +738,10 @@ def _measured_noise(plan: Differentiation) -> Array:
     return noise(times, torques)
 
 
-_NOISE_EXCERPTS = 8, 2048
-"""Number of excerpts of a log, and rows of each, from which the noise of measured torques is estimated."""
+_NOISE_EXCERPT_COUNT = 8
+"""Number of excerpts of a log from which the noise of measured torques is estimated."""
+_ROWS_PER_NOISE_EXCERPT = 2048
+"""Number of rows of each of these excerpts."""
 
 
 def _doubts(run: MotionPass, figures: MotionFigures, *, glitches: bool) -> tuple[Doubt, ...]:
@@ -741,7 +755,7 @@ def _doubts(run: MotionPass, figures: MotionFigures, *, glitches: bool) -> tuple
         return doubts_without_dynamics
     corners = tuple(instant for instant in log.instants if instant.cause is not InstantKind.ROWS)
     spans_of_corners = replace(run.spans, instants=corners)
-    torque_doubt = impossible_torque(robot, figures.alone, log.origin, spans_of_corners)
+    torque_doubt = impossible_torque(robot, figures.unloaded_peak, log.origin, spans_of_corners)
     if torque_doubt is None:
         return doubts_without_dynamics
     return (torque_doubt, *doubts_without_dynamics)
@@ -770,20 +784,21 @@ def _joints(run: MotionPass, found: MotionFigures) -> list[JointTorque]:
 
 
 def _with_unsmoothed_figures(joints: Sequence[JointTorque], unsmoothed: MotionFigures) -> list[JointTorque]:
-    """Joints with the noise of the unsmoothed log, and with its peak and the time of that as raw ones."""
+    """Joints with noise, peak and time of the peak of the unsmoothed log as ``noise``, ``raw`` and ``raw_time``."""
     peak = unsmoothed.whole.peak
-    with_figures = []
+    joints_with_figures = []
     for k, joint in enumerate(joints):
         raw, raw_time = float(peak.signed[k]), float(peak.time[k])
-        with_figures.append(replace(joint, noise=float(unsmoothed.noise[k]), raw=raw, raw_time=raw_time))
-    return with_figures
+        noise_of_joint = float(unsmoothed.noise[k])
+        joints_with_figures.append(replace(joint, noise=noise_of_joint, raw=raw, raw_time=raw_time))
+    return joints_with_figures
 
 
 def _check_finite(torques: Array, s: MotionSamples) -> None:
     """Raise TrajectoryError with the time of the first state whose torques are not finite."""
     not_finite = ~np.isfinite(torques).all(axis=1)
     if not_finite.any():
-        time = float(s.time[np.argmax(not_finite)])
+        time = float(s.time[np.argmax(not_finite)])  # first True
         raise TrajectoryError(
             f"the torques at t = {printed(time)} s are not finite numbers. Positions may be absurdly large there, or a "
             "quaternion zero: look at that row."
@@ -805,9 +820,9 @@ def write_torques(report: TorqueReport, path: str | Path, *, split: bool) -> Pat
         quantities.append("torque.derived")
     names = load.with_load.model.drive_names
     header = [f"{name}.{quantity}" for quantity, name in itertools.product(quantities, names)]
-    further = further_columns(report.held)
-    first = 0
-    with csv_table(path, ["time", *header, *further]) as table:
+    other_columns = further_columns(report.held)
+    first_row = 0
+    with csv_table(path, ["time", *header, *other_columns]) as table:
         for states, motion, inner in plan.surrounded_states(_rows_per_slice(load)):
             s = states[inner]
             torques = [load.torques(s)]
@@ -816,9 +831,9 @@ def write_torques(report: TorqueReport, path: str | Path, *, split: bool) -> Pat
             if unsmoothed is not None:
                 unsmoothed_states = unsmoothed.differentiation.complete(motion)[inner]
                 torques.append(load.torques(unsmoothed_states))
-            rows = slice(first, first + len(s))
+            rows = slice(first_row, first_row + len(s))
             columns = [s.time[:, None], *map(load.drive_torques, torques)]
-            columns += [values[rows, None] for values in further.values()]
+            columns += [values[rows, None] for values in other_columns.values()]
             table.numbers(np.concatenate(columns, axis=1))
-            first += len(s)
+            first_row += len(s)
     return Path(path)

@@ -37,7 +37,11 @@ from .statistics import INTERVAL
 from .support.judgement import support_notes, support_verdict
 from .torque_report import MIN_NOISE_SHARE, Excess, JointTorque, TorqueReport
 
-KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"} | {
+KINDS = {
+    "lower": "position",
+    "upper": "position",
+    "velocity": "velocity",
+    "effort": "torque",
     "axial": "axial force",
     "radial": "radial force",
     "tilting": "tilting moment",
@@ -69,28 +73,29 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     A limit is certainly exceeded if the excess is larger than noise explains, including the selection of the largest value and
     of the worst joint. An excess that noise may hide or cause is unsure; one that smoothing certainly removes is neither.
     """
-    over, open_torques = _judge_torques(report)
-    over += _motion_excesses(report, degrees=degrees)
+    excesses, open_torques = _judge_torques(report)
+    excesses += _motion_excesses(report, degrees=degrees)
     doubts_of_base = base_doubts(report.load.robot.model, "hanging, feet")
-    hanging = bool(doubts_of_base)
-    certain = _certain_excesses(report, over, loads_doubted=hanging)
+    may_hang = bool(doubts_of_base)
+    certain = _certain_excesses(report, excesses, loads_doubted=may_hang)
     excess_reasons = _excess_sentences(certain)
     doubts = _unsure_doubts([*doubts_of_limits(report), *report.load.doubts]) + rows_in_doubt(report)
-    if over and not certain:
-        worst_excess, *_ = _excess_sentences(over)
-        doubts.append(_doubtful_excess(report, worst_excess, hanging=hanging))
+    if excesses and not certain:
+        worst_sentence, *_ = _excess_sentences(excesses)
+        doubts.append(_doubtful_excess(report, worst_sentence, hanging=may_hang))
     for use in report.motors:
         if not use.too_small:
             continue
-        excess = f"the motor of {use.words} is too small"
-        if hanging:
-            doubts.append(hanging_excess(excess))
+        motor_sentence = f"the motor of {use.words} is too small"
+        if may_hang:
+            doubts.append(hanging_excess(motor_sentence))
         else:
-            excess_reasons.append(excess)
+            excess_reasons.append(motor_sentence)
     missing_limits = limit_doubts(report.load.robot, report.limits, report.peaks)
     doubts_before, doubts_after = carried_doubts(report, report.joints)
     max_hidden = most_hidden(report)
-    if max((j.share for j in report.joints), default=0.0) > NEAR_LIMIT:
+    largest_share = max((j.share for j in report.joints), default=0.0)
+    if largest_share > NEAR_LIMIT:
         max_hidden = 0.0
     gaps = _gap_doubts(report, max_hidden)
     doubts_after = [reason for reason in doubts_after if reason not in doubts]
@@ -116,23 +121,23 @@ def _join_further_verdicts(report: TorqueReport, verdict: Verdict) -> Verdict:
 
 
 def _motion_excesses(report: TorqueReport, *, degrees: bool) -> list[tuple[Excess, str]]:
-    """Exceeded position and velocity limits with their sentences.
+    """Exceeded limits of positions, velocities and bearings, with their sentences.
 
-    Stops are left out for joints whose angles are compared with them after a turn more or less.
+    Position limits are left out for joints whose angles are compared with them after a turn more or less.
     """
-    over, _ = _judge_motion(report, degrees=degrees)
+    excesses, _ = _judge_motion(report, degrees=degrees)
     turned_joints = _turned_joints(report, level="note")
-    return [(e, text) for e, text in over if e.kind not in _STOP_KINDS or e.joint not in turned_joints]
+    return [(e, text) for e, text in excesses if e.kind not in _STOP_KINDS or e.joint not in turned_joints]
 
 
 def _certain_excesses(
-    report: TorqueReport, over: list[tuple[Excess, str]], *, loads_doubted: bool
+    report: TorqueReport, excesses: list[tuple[Excess, str]], *, loads_doubted: bool
 ) -> list[tuple[Excess, str]]:
-    """Excesses without doubts about their rows and, for loads, about what holds the robot."""
+    """Excesses, with sentences, without doubts about their rows or, for loads, about what holds the robot."""
     doubted = doubted_excesses(report)
     open_joints = open_loop_joints(report.load.robot.model)
     certain = []
-    for e, text in over:
+    for e, text in excesses:
         load_is_doubted = loads_doubted or e.joint in open_joints
         if e.kind in _LOAD_KINDS and load_is_doubted:
             continue
@@ -142,7 +147,7 @@ def _certain_excesses(
 
 
 def _doubtful_excess(report: TorqueReport, excess: str, *, hanging: bool) -> str:
-    """Sentence on the worst excess with the condition under which it is certain."""
+    """Sentence ``excess`` on the worst excess, with the condition under which it is certain."""
     if doubted_excesses(report):
         return f"{condition_of_excesses(report)} {Word.OVER_LIMIT}: {excess}"
     if hanging:
@@ -182,7 +187,7 @@ _MIN_DECISIVE_CHANGE = 0.05
 
 
 def doubted_excesses(report: TorqueReport) -> set[tuple[str, str]]:
-    """Joint and kind of the excesses that depend on rows, or on effort limits, which are in doubt."""
+    """Joint and kind of the excesses that depend on rows or effort limits in doubt."""
     doubted = _doubted_by_log(report)
     if _has_kind(doubts_of_limits(report), ("effort-unit", "effort-weight")):
         doubted = doubted | _joints_and_kinds(report.excesses, ["effort"])
@@ -190,7 +195,7 @@ def doubted_excesses(report: TorqueReport) -> set[tuple[str, str]]:
 
 
 def _doubted_by_log(report: TorqueReport) -> set[tuple[str, str]]:
-    """Joint and kind of the excesses that a log in doubt has, or has only in rows that are in doubt."""
+    """Joint and kind of all excesses if the whole log is in doubt, otherwise of excesses that only rows in doubt have."""
     if report.differentiation.trajectory.origin is Origin.PLAN:
         return set()
     excesses = _joints_and_kinds(report.excesses)
@@ -245,7 +250,8 @@ def rows_in_doubt(report: TorqueReport) -> list[str]:
     if doubted:
         rows_are_decisive = bool(doubted_by_rows)
     else:
-        rows_are_decisive = _change_of_share(report, report.sound.peaks) >= _MIN_DECISIVE_CHANGE
+        change = _change_of_share(report, report.sound.peaks)
+        rows_are_decisive = change >= _MIN_DECISIVE_CHANGE
     if not rows_are_decisive:
         return refutations
     times = [e.time for e in report.excesses if (e.joint, e.kind) in doubted_by_rows]
@@ -255,7 +261,7 @@ def rows_in_doubt(report: TorqueReport) -> list[str]:
 
 
 def _change_of_share(report: TorqueReport, sound_peaks: Array) -> float:
-    """Largest share of a torque limit, less that of the peaks (nv,) in sound rows."""
+    """Largest share of a torque limit over all rows, less the largest share of the peaks (nv,) in sound rows."""
     peaks = np.array([abs(j.largest) for j in report.joints])
     limits = np.array([j.limit for j in report.joints])
     return float((peaks / limits).max(initial=0.0) - (sound_peaks / limits).max(initial=0.0))
@@ -271,12 +277,12 @@ def condition_of_excesses(report: TorqueReport) -> str:
 
 
 def most_hidden(report: TorqueReport) -> float:
-    """Longest gap [s] with motion that leaves the verdict sure; 0 if a peak may continue in a gap, or be in it."""
-    reach = _MAX_STEPS_TO_GAP * report.quality.step
+    """Longest gap [s] with motion that leaves the verdict sure; 0 if a peak may lie in a gap or continue there."""
+    max_distance = _MAX_STEPS_TO_GAP * report.quality.step
     if report.gaps.exceeds_logged_motion:
         return 0.0
     for j in report.joints:
-        if not report.is_zero(j.largest) and report.gaps.beside(j.time, reach):
+        if not report.is_zero(j.largest) and report.gaps.beside(j.time, max_distance):
             return 0.0
     return _MAX_HIDDEN_SHARE * (report.end - report.begin)
 
@@ -288,14 +294,14 @@ def contradictions(report: TorqueReport) -> list[str]:
 
 
 def doubts_of_limits(report: TorqueReport) -> list[Doubt]:
-    """Doubts about the limits of the comparison; those of the weight only if a torque limit is exceeded."""
+    """Doubts about the limits; whether they carry the weight is asked only if a torque limit is exceeded."""
     return credible_limits(report.limits, report.load.robot, weight=bool(_torque_excesses(report)))
 
 
 def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> tuple[list[str], list[str]]:
-    """Reasons to be unsure for all slider positions of a page, listed before and after those on gaps of the log.
+    """Reasons to be unsure for all slider positions of a page, to be listed before and after reasons on gaps of the log.
 
-    If ``joints`` holds the peaks of all velocities, they include the missing force of a floating base.
+    If ``joints`` holds the peaks of all velocities, the reasons include the missing force of a floating base.
     """
     _, noisy_excesses = _judge_motion(report)
     before = _wide_peaks(report) + noisy_excesses + model_warnings(report.load.with_load.model, joints)
@@ -303,7 +309,7 @@ def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> t
 
 
 def log_doubts(report: TorqueReport) -> list[str]:
-    """Reasons to be unsure of all loads of a log, whatever is judged by them."""
+    """Reasons to be unsure of all loads of a log, for any verdict on these loads."""
     return [*_gap_doubts(report, most_hidden(report)), *_reasons_of_log(report)]
 
 
@@ -325,7 +331,7 @@ def _reasons_of_log(report: TorqueReport) -> list[str]:
 
 
 def _differing_torques(report: TorqueReport) -> list[MeasuredTorque]:
-    """Measured torques whose difference from the computed ones affects the verdict."""
+    """Measured torques whose difference from the computed torques affects the verdict."""
     min_differences = {j.joint: _MIN_DIFFERENCE_OF_LIMIT * j.limit for j in _limited_joints(report)}
     return [m for m in report.measured if m.disagrees and m.residual > min_differences.get(m.joint, 0.0)]
 
@@ -361,14 +367,14 @@ def _is_explained(joint: str, causes: Iterable[Doubt]) -> bool:
 
 
 def _concerns_other_motions(cause: Doubt) -> bool:
-    """True if a cause also affects the torques of other motions, so that the computed ones are in doubt."""
+    """True if a cause also affects other motions, so that computed torques are in doubt."""
     return cause.refuses and _is_gross(cause)
 
 
 def _reasons_of_differing_torques(report: TorqueReport, *, contradicting: bool) -> list[str]:
     """Reasons from differing measured torques: named causes, and figures of joints without a cause.
 
-    Only torques that contradict the model are considered if ``contradicting``, otherwise only the others.
+    If ``contradicting``, only torques that contradict the model are considered, otherwise only the other torques.
     """
     differing = [m for m in _differing_torques(report) if m.contradicts == contradicting]
     causes = [cause for cause in report.causes if _explains_any(cause, differing)]
@@ -388,17 +394,17 @@ def confidence(joints: int) -> float:
 
 
 def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list[str]]:
-    """Joints over their torque limits, worst first, and sentences on joints for which noise leaves this open."""
+    """Exceeded torque limits with sentences, worst first, and sentences on joints for which noise leaves this open."""
     limited = _limited_joints(report)
-    factor = confidence(len(limited))
-    excesses = _torque_excesses(report)
+    deviations = confidence(len(limited))
+    excess_by_joint = _torque_excesses(report)
     over, unsure = [], []
     for j in limited:
-        reach = factor * report.reach(j)
-        excess = excesses.get(j.joint)
-        if excess is not None and abs(j.peak) - reach > j.limit:
+        half_width = deviations * report.reach(j)
+        excess = excess_by_joint.get(j.joint)
+        if excess is not None and abs(j.peak) - half_width > j.limit:
             over.append((excess, _over_sentence(report, j)))
-        elif _is_open(j, reach, excess):
+        elif _is_open(j, half_width, excess):
             unsure.append(_open_sentence(report, j))
     for follower_excess, text in _judge_followers(report):
         if follower_excess is None:
@@ -421,13 +427,11 @@ def _torque_excesses(report: TorqueReport) -> dict[str, Excess]:
 
 def _open_sentence(report: TorqueReport, j: JointTorque) -> str:
     """Sentence on a joint for which noise decides whether its limit is exceeded."""
-    end = ""
-    if report.at_an_end(j):
-        end = sentence("end")
+    end_text = sentence("end") if report.at_an_end(j) else ""
     return sentence(
         "open",
         joint=j.joint,
-        end=end,
+        end=end_text,
         peak=torque(j.peak),
         sigma=deviation(report.reach(j)),
         unit=j.unit,
@@ -435,19 +439,19 @@ def _open_sentence(report: TorqueReport, j: JointTorque) -> str:
     )
 
 
-def _is_open(j: JointTorque, reach: float, excess: Excess | None) -> bool:
-    """True if noise within ``reach`` of the peak decides whether the limit is exceeded."""
-    if reach == 0 and excess is None:
+def _is_open(j: JointTorque, half_width: float, excess: Excess | None) -> bool:
+    """True if the limit may be exceeded, with the peak uncertain by ``half_width``."""
+    if half_width == 0 and excess is None:
         return False
-    return bool(over_limit((abs(j.peak) + reach) / j.limit))
+    return bool(over_limit((abs(j.peak) + half_width) / j.limit))
 
 
 def _wide_peaks(report: TorqueReport) -> list[str]:
-    """Sentence on peaks too uncertain due to noise, of joints without another verdict; empty if there are none."""
+    """Sentence, as a list, on joints with peaks too uncertain due to noise; joints with an open limit are left out."""
     limited = _limited_joints(report)
-    factor = confidence(len(limited))
-    excesses = _torque_excesses(report)
-    candidates = [j for j in limited if not _is_open(j, factor * report.reach(j), excesses.get(j.joint))]
+    deviations = confidence(len(limited))
+    excess_by_joint = _torque_excesses(report)
+    candidates = [j for j in limited if not _is_open(j, deviations * report.reach(j), excess_by_joint.get(j.joint))]
     candidates += [j for j in report.joints if not math.isfinite(j.limit)]
     peaks = [_peak_text(report, j) for j in candidates if _is_wide(report, j)]
     if not peaks:
@@ -458,9 +462,9 @@ def _wide_peaks(report: TorqueReport) -> list[str]:
 def _judge_followers(report: TorqueReport) -> list[tuple[Excess | None, str]]:
     """Mimic joints over their torque limits, with sentences; the excess is None if noise may explain it.
 
-    Their torques are as uncertain as those of their leaders.
+    A mimic joint's torque is as uncertain as its leader's.
     """
-    factor = confidence(len(_limited_joints(report)))
+    deviations = confidence(len(_limited_joints(report)))
     leaders = {j.joint for j in report.joints}
     bodies = {body.joint.name: body for body in report.load.robot.model.bodies}
     judged: list[tuple[Excess | None, str]] = []
@@ -469,12 +473,12 @@ def _judge_followers(report: TorqueReport) -> list[tuple[Excess | None, str]]:
             continue
         body = bodies[name]
         leader = report.joints[body.v_index]
-        reach = 0.0
+        sigma = 0.0
         if body.ratio:
-            reach = report.reach(leader) / abs(body.ratio)
+            sigma = report.reach(leader) / abs(body.ratio)
         share = percent_of_limit(abs(e.value) / e.limit)
         figures = {"peak": torque(e.value), "unit": e.unit, "limit": number(e.limit), "share": share}
-        if abs(e.value) - factor * reach > e.limit:
+        if abs(e.value) - deviations * sigma > e.limit:
             text = sentence("follower", joint=e.joint, leader=leader.joint, time=seconds(e.time), **figures)
             judged.append((e, text))
         else:
@@ -499,7 +503,7 @@ def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
 
 
 def _peak_text(report: TorqueReport, j: JointTorque) -> str:
-    """Text of the estimated peak, of that derived from the unsmoothed log, and of a measured one that differs."""
+    """Text of the estimated peak, the peak derived from the unsmoothed log, and the measured peak if it differs."""
     text = f"{j.joint} {torque(j.peak)} ± {deviation(report.reach(j))} {j.unit}"
     if j.raw is not None:
         text += f", {torque(j.raw)} as derived"
@@ -536,7 +540,7 @@ def because(joint: JointTorque) -> str:
 
 
 def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[tuple[Excess, str]], list[str]]:
-    """Exceeded limits of positions, velocities and bearings with sentences, and sentences on those that noise explains."""
+    """Exceeded limits of positions, velocities and bearings with sentences, and sentences on excesses that noise explains."""
     over: list[tuple[Excess, str]] = []
     noisy_joints: dict[str, list[str]] = {}  # by quantity
     for e in report.excesses:
@@ -547,9 +551,10 @@ def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[
         else:
             over.append((e, _motion_sentence(e, degrees=degrees)))
     if report.derived is not None:  # velocities that smoothing has brought below their limits
-        exceeded = _joints_and_kinds(report.excesses)
+        remaining = _joints_and_kinds(report.excesses)
         for e in report.derived.excesses:
-            if e.kind == "velocity" and (e.joint, e.kind) not in exceeded and _may_exceed_limit(report, e):
+            is_removed = e.kind == "velocity" and (e.joint, e.kind) not in remaining
+            if is_removed and _may_exceed_limit(report, e):
                 noisy_joints.setdefault(KINDS[e.kind], []).append(e.joint)
     doubts = []
     for quantity, joints in noisy_joints.items():
@@ -570,9 +575,11 @@ def _motion_sentence(e: Excess, *, degrees: bool) -> str:
             time=seconds(e.time),
         )
     if e.kind == "velocity":
-        quantity, excess = "dq", abs(e.value) - e.limit
+        quantity = "dq"
+        excess = abs(e.value) - e.limit
     else:
-        quantity, excess = "q", abs(e.value - e.limit)
+        quantity = "q"
+        excess = abs(e.value - e.limit)
     factor = 1.0
     if degrees and e.angular:
         factor = math.degrees(1.0)
@@ -589,7 +596,7 @@ def _motion_sentence(e: Excess, *, degrees: bool) -> str:
 
 
 def _may_exceed_limit(report: TorqueReport, e: Excess) -> bool:
-    """True if a velocity that is within its limit after smoothing may exceed it all the same."""
+    """True if noise may hide that a smoothed velocity exceeds its limit."""
     k = report.differentiation.model.velocity_names.index(e.joint)
     estimate = report.joints[k].estimate
     if estimate is None:
@@ -609,20 +616,21 @@ def is_noise(report: TorqueReport, e: Excess) -> bool:
     position_noise_is_known = d.derives and d.derives_velocities
     if e.kind in BEARINGS or not position_noise_is_known:
         return False
-    body = next(b for b in d.model.leaders if b.v_index <= k < b.v_index + b.joint.nv)
-    return abs(e.value - e.limit) <= _MAX_SIGMAS_OF_NOISE * float(d.errors.at_rest[body.q_index])
+    body = next(b for b in d.model.leaders if b.v_index <= k < b.v_index + b.joint.nv)  # body of velocity k
+    position_sigma = float(d.errors.at_rest[body.q_index])
+    return abs(e.value - e.limit) <= _MAX_SIGMAS_OF_NOISE * position_sigma
 
 
-def _excess_sentences(over: list[tuple[Excess, str]]) -> list[str]:
-    """Sentences on the worst excess and on the other joints."""
-    if not over:
+def _excess_sentences(excesses: list[tuple[Excess, str]]) -> list[str]:
+    """Sentence on the worst excess, and one on all others; empty without excesses."""
+    if not excesses:
         return []
-    (worst, text), *others = over
+    (worst, worst_text), *other_excesses = excesses
     quantities_by_joint: dict[str, list[str]] = {}
-    for e, _ in others:
+    for e, _ in other_excesses:
         quantity = KINDS[e.kind]
         quantities = quantities_by_joint.setdefault(e.joint, [])
-        is_in_text = (e.joint, quantity) == (worst.joint, KINDS[worst.kind])  # the other stop of the same joint
+        is_in_text = (e.joint, quantity) == (worst.joint, KINDS[worst.kind])  # the other position limit of the joint
         if not is_in_text and quantity not in quantities:
             quantities.append(quantity)
     other_texts = []
@@ -630,8 +638,8 @@ def _excess_sentences(over: list[tuple[Excess, str]]) -> list[str]:
         if quantities:
             other_texts.append(sentence("other", joint=joint, kinds=", ".join(quantities)))
     if not other_texts:
-        return [text]
-    return [text, sentence("also", others=listed(other_texts, _MAX_LISTED_JOINTS))]
+        return [worst_text]
+    return [worst_text, sentence("also", others=listed(other_texts, _MAX_LISTED_JOINTS))]
 
 
 # ── Notes on the log
@@ -649,9 +657,9 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
     yield from notes_on_limits(report.limits)
     yield from _contact_notes(report)
     model = report.load.with_load.model
-    missing = drives_without_limit(model, report.limits.effort, report.peaks)
-    if missing and report.verdict.word is not Word.UNSURE:  # the reasons of UNSURE have it
-        yield f"No torque limit is known for {listed(missing)}: {limits_remedy(model.source)}."
+    drives = drives_without_limit(model, report.limits.effort, report.peaks)
+    if drives and report.verdict.word is not Word.UNSURE:  # the reasons of UNSURE name them
+        yield f"No torque limit is known for {listed(drives)}: {limits_remedy(model.source)}."
     yield from _payload_notes(report)
     yield from _friction_notes(report)
     yield from _measured_notes(report)
@@ -669,16 +677,16 @@ def _derivation_notes(report: TorqueReport) -> Iterator[str]:
         rates.append("accelerations")
     if not rates:
         return
-    missing = " and ".join(rates)
-    if d.smooths:  # smoothing changes figures
-        yield f"The file has no {missing}: derived by a quintic spline, after smoothing to the noise found."
+    rates_text = " and ".join(rates)
+    if d.smooths:  # smoothing changes figures, so a short report shows this note
+        yield f"The file has no {rates_text}: derived by a quintic spline, after smoothing to the noise found."
     else:
-        yield ReadingNote(f"The file has no {missing}: derived by a quintic spline.")
+        yield ReadingNote(f"The file has no {rates_text}: derived by a quintic spline.")
     yield from _quality_notes(report)
 
 
 def _gap_note(report: TorqueReport) -> str:
-    """Note on the number of gaps in time, and on the longest."""
+    """Note on the number of gaps in time and on the longest gap."""
     gaps = report.gaps
     noun = "time" if gaps.count == 1 else "times"
     note = (
@@ -718,7 +726,7 @@ def _payload_notes(report: TorqueReport) -> Iterator[str]:
 
 
 def notes_on_log(report: TorqueReport) -> Iterator[str]:
-    """Notes on the log that affect all loads, whatever is judged by them."""
+    """Notes on the log that affect all loads, for any verdict on these loads."""
     if report.noisy:
         yield from _quality_notes(report)
     yield from _outlier_notes(report)
@@ -778,19 +786,19 @@ def _outlier_notes(report: TorqueReport) -> Iterator[str]:
     d = report.differentiation
     columns = d.trajectory.columns
     factors = columns.factors["dq" if d.source == "velocities" else "q"]
-    samples = []
+    sample_texts = []
     for outlier in report.outliers[:_MAX_LISTED_JOINTS]:
         name = columns.header[int(d.places[outlier.column])]
         if outlier.count > 1:
             name += f", {outlier.count} samples, the farthest"
         offset_in_file = outlier.off / factors[outlier.column]
         sigmas = number(abs(outlier.sigmas), 2)
-        samples.append(f"{name} at t = {seconds(outlier.time, 4)} s off by {number(offset_in_file)} ({sigmas} σ)")
-    if not samples:
+        sample_texts.append(f"{name} at t = {seconds(outlier.time, 4)} s off by {number(offset_in_file)} ({sigmas} σ)")
+    if not sample_texts:
         return
-    text = "; ".join(samples)
-    if len(report.outliers) > len(samples):
-        text += f"; and {len(report.outliers) - len(samples)} columns more"
+    text = "; ".join(sample_texts)
+    if len(report.outliers) > len(sample_texts):
+        text += f"; and {len(report.outliers) - len(sample_texts)} columns more"
     yield (
         f"WARNING: smoothing flattened samples that noise does not explain: {text}, in the file's "
         "unit. If the robot did move so, the torques there are far too low; if the log is wrong, remove the samples."
@@ -830,30 +838,33 @@ def _noise_note(report: TorqueReport) -> str:
     d, quality = report.differentiation, report.quality
     column = int(quality.noise.argmax())
     name = d.trajectory.columns.header[d.places[column]]
-    noise = f"{number(quality.noise[column], 2)} (1 σ, {name}, in the file's unit"
+    noise_text = f"{number(quality.noise[column], 2)} (1 σ, {name}, in the file's unit"
     if quality.quantum[column]:
-        noise += f", on a grid of {number(quality.quantum[column])}"
-    noise += ")"
+        noise_text += f", on a grid of {number(quality.quantum[column])}"
+    noise_text += ")"
     if _stamps_matter(report):
         stamp_errors = d.errors.stamp
         usual_error = np.median(stamp_errors[stamp_errors > 0])
-        noise += f", and stamp errors of {number(1e3 * usual_error, 2)} ms"
+        noise_text += f", and stamp errors of {number(1e3 * usual_error, 2)} ms"
     if report.derived is None:
-        subject, sigma_ddq = "Smoothed, it still", d.sigma_ddq
+        subject = "Smoothed, it still"
+        sigma_ddq = d.sigma_ddq
     else:
-        subject, sigma_ddq = "As it is, it", report.derived.differentiation.sigma_ddq
+        subject = "As it is, it"
+        sigma_ddq = report.derived.differentiation.sigma_ddq
     worst = int(sigma_ddq.argmax())
-    unit = unit_of("ddq", bool(Coordinates.from_model(d.model).angular_velocity[worst]))
+    is_angular = bool(Coordinates.from_model(d.model).angular_velocity[worst])
+    unit = unit_of("ddq", is_angular)
     noisiest = max(report.joints, key=lambda j: j.noise)
     return (
-        f"The log has noise of {noise}. {subject} makes accelerations "
+        f"The log has noise of {noise_text}. {subject} makes accelerations "
         f"unsure by {number(sigma_ddq.max(), 2)} {unit} ({report.joints[worst].joint}) and single torques by up to "
         f"{deviation(noisiest.noise)} {noisiest.unit} ({noisiest.joint})."
     )
 
 
 def _stamps_matter(report: TorqueReport) -> bool:
-    """True if most noisy columns have time stamp errors beyond their noise."""
+    """True if most noisy columns have errors of time stamps, too."""
     is_noisy = report.quality.noise > 0
     has_stamp_error = report.differentiation.errors.stamp > 0
     return bool(is_noisy.any() and (has_stamp_error & is_noisy).sum() > 0.5 * is_noisy.sum())

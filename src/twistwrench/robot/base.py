@@ -122,7 +122,7 @@ class RobotBase:
         return projected_quantity(self, *arrays, wrench_by_robot=by_robot, wrench_on_robot=on_robot, **options)
 
     def _motors(self, actuated: Iterable[str]) -> Iterable[str]:
-        """Joints with a motor, as given; raises ValueRangeError for a robot without constraints."""
+        """Return the joints with a motor; raises ValueRangeError for a robot without constraints."""
         if not self.constraints:
             raise ValueRangeError(
                 "actuated= is for a robot with constraints: an open tree needs the torque of every joint."
@@ -297,8 +297,8 @@ class RobotBase:
         from ..mechanics.model import configurations
 
         try:
-            axis_lengths = size if isinstance(size, tuple | list) else (size,)
-            shape = tuple(operator.index(length) for length in axis_lengths)
+            lengths = size if isinstance(size, tuple | list) else (size,)
+            shape = tuple(operator.index(length) for length in lengths)  # refuses numbers that are not whole
             generator = np.random.default_rng(rng)
         except (TypeError, ValueError):
             raise ValueRangeError(

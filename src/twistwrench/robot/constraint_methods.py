@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from .robot import Robot
 
 MAX_CLOSED_GAP = 1e-12
-"""rad, and fraction of the robot's length: loops with a smaller gap count as closed; positions round at about 1e-15."""
+"""Gap (rad, and fraction of the robot's length) below which loops count as closed; positions round at about 1e-15."""
 MAX_NEAR_DISPLACEMENT = 0.5
 """Largest displacement (rad and m) at which a closed configuration still counts as near."""
 
@@ -173,7 +173,7 @@ class ConstraintMethods(RobotBase):
 
         return self._with(rolling(self.model, frame, rows, kind), near, redundant)
 
-    def _with(self, new: Constraint, near: ArrayLike | None, redundant: str) -> ConstrainedRobot:
+    def _with(self, new_constraint: Constraint, near: ArrayLike | None, redundant: str) -> ConstrainedRobot:
         """Robot with one additional constraint."""
         if redundant not in ("error", "accept"):
             raise ValueRangeError(f"redundant={redundant!r} is not allowed. Choose from: 'error', 'accept'.")
@@ -182,15 +182,15 @@ class ConstraintMethods(RobotBase):
         from .constraints.tolerances import row_sizes
 
         tree = self.open()
-        constraints = (*self.constraints, new)
-        sizes, spans = row_sizes(cast("ConstrainedRobot", self), new)
+        constraints = (*self.constraints, new_constraint)
+        sizes, spans = row_sizes(cast("ConstrainedRobot", self), new_constraint)
 
         def constrained_robot(independent: tuple[int, ...]) -> ConstrainedRobot:
             robot = cast("ConstrainedRobot", type(self).__new__(type(self)))
             robot._constrain(tree, constraints, sizes, spans, independent)
             return robot
 
-        # At first all rows count as independent, to find configurations at which their rank shows.
+        # At first all rows count as independent; their rank is found at closed configurations.
         closed = constrained_robot(tuple(range(len(sizes))))
         q = some_configurations(closed, near)
         require_angle(closed, q)
@@ -306,7 +306,8 @@ class ConstraintMethods(RobotBase):
         """
         q, tau = finite_states(self.model, "split", q=q, tau=tau)
         _, projector = self._projector(q)
-        motion = (projector.projector @ tau[..., None])[..., 0].astype(np.result_type(q, tau), copy=False)
+        motion = (projector.projector @ tau[..., None])[..., 0]
+        motion = motion.astype(np.result_type(q, tau), copy=False)
         return _make_split(motion, tau - motion)
 
     @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,)])
@@ -361,13 +362,13 @@ class ConstraintMethods(RobotBase):
 
         lam = arguments.finite(lam, "lam", len(self.sizes))
         wrenches = {}
-        first = 0
+        first_row = 0
         for name, constraint in zip(names(self.constraints), self.constraints, strict=True):
             rows = list(constraint.rows)
             F = np.zeros((*lam.shape[:-1], 6))
-            F[..., rows] = lam[..., first : first + len(rows)]
+            F[..., rows] = lam[..., first_row : first_row + len(rows)]
             wrenches[name] = F
-            first += len(rows)
+            first_row += len(rows)
         return wrenches
 
     # ── positions ──
@@ -422,9 +423,10 @@ class ConstraintMethods(RobotBase):
             )
         from .constraints.states import require_closed, warn_of_far
 
-        closed_rows, gaps = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
+        starts = q.reshape(-1, self.nq).astype(float)
+        flat_closed_q, gaps = self.settled(starts, tolerance)
         require_closed(cast("ConstrainedRobot", self), gaps, tolerance, q.shape[:-1])
-        closed_q = closed_rows.reshape(q.shape).astype(q.dtype, copy=False)
+        closed_q = flat_closed_q.reshape(q.shape).astype(q.dtype, copy=False)
         warn_of_far(self.open(), q, closed_q, within)
         return closed_q
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .export.written import Saved
 
 _SUFFIX_OF_FORMAT = {"urdf": ".urdf", "mjcf": ".xml", "sdf": ".sdf"}
+"""Usual suffix of each format, for the example in an error message."""
 
 
 def save(robot: Robot, path: str | Path, *, overwrite: bool = False, strict: bool = False) -> Saved:
@@ -87,7 +88,7 @@ def writer_of(path: str | Path, name: str = "robot") -> Callable[[Model], RobotD
 
 
 def _loss_of_tip(robot: Robot, path: Path) -> list[str]:
-    """Sentence if the file's default tip differs from the robot's; no format stores the tip."""
+    """Sentence, as a list, if the file's default tip differs from the robot's; no format stores the tip."""
     from ..formats import load_model
 
     with warnings.catch_warnings():
@@ -95,8 +96,8 @@ def _loss_of_tip(robot: Robot, path: Path) -> list[str]:
         tip = load_model(path, inertia="accept").tip
     if tip == robot.tip:
         return []
-    tip_of_file = "finds none" if tip is None else f"takes {tip!r}"
-    return [f"the tip is not kept: reading the file {tip_of_file}; pass tip={robot.tip!r} for the same"]
+    effect = "finds none" if tip is None else f"takes {tip!r}"
+    return [f"the tip is not kept: reading the file {effect}; pass tip={robot.tip!r} for the same"]
 
 
 complete(globals())

@@ -34,9 +34,11 @@ class FoundRobot:
     """Named robot file."""
 
     name: str
+    """Name in the form of :func:`plain_name`."""
     source: str
     """Package of the file: ``twistwrench``, ``example-robot-data``, ``robot_descriptions``."""
     path: Path
+    """Path of the robot file."""
 
 
 def find(name: str, *, download: bool = False) -> Path:
@@ -115,7 +117,7 @@ def _bundled_robots() -> Iterator[FoundRobot]:
 
 
 def _example_robots() -> Iterator[FoundRobot]:
-    """Robots of ``example-robot-data``: files by file name, and folders by folder name if one file is clearly the robot."""
+    """Robots of ``example-robot-data``, named by file, and by folder if one file of the folder is clearly the robot."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     source = "example-robot-data"
@@ -134,7 +136,7 @@ def _example_robots() -> Iterator[FoundRobot]:
     stem_counts = Counter(chain.from_iterable(files_by_folder.values()))
     for robot_name, files in files_by_folder.items():
         for stem, path in files.items():
-            if stem_counts[stem] == 1:
+            if stem_counts[stem] == 1:  # no other folder has a file of this name
                 yield FoundRobot(stem, source, path)
                 yield FoundRobot(stem.removesuffix("_robot"), source, path)
             elif robot_name.startswith(stem):
@@ -144,12 +146,13 @@ def _example_robots() -> Iterator[FoundRobot]:
         if robot_name in files:
             yield FoundRobot(robot_name, source, files[robot_name])
         elif len(files) == 1 or all(stem.startswith(f"{robot_name}_") for stem in files):
+            # all files are variants of one robot, the plainest of which has the shortest name
             shortest_stem = min(files, key=lambda stem: (len(stem), stem))
             yield FoundRobot(robot_name, source, files[shortest_stem])
 
 
 def _robot_of_folder(folder: str) -> str:
-    """Robot's name in the name of a folder."""
+    """Name of the robot of a folder: the folder's name without its ending."""
     name = plain_name(folder)
     for ending in _FOLDER_ENDINGS:
         if name.endswith(ending):
@@ -162,7 +165,7 @@ def _cached_descriptions() -> Iterator[FoundRobot]:
     spec = find_spec(_DESCRIPTIONS_PACKAGE)
     if spec is None or not spec.submodule_search_locations:
         return
-    package = Path(next(iter(spec.submodule_search_locations)))
+    package = Path(next(iter(spec.submodule_search_locations)))  # folder of the package
     cache = Path(os.environ.get("ROBOT_DESCRIPTIONS_CACHE") or "~/.cache/robot_descriptions").expanduser()
     if not cache.is_dir():
         return
@@ -171,12 +174,13 @@ def _cached_descriptions() -> Iterator[FoundRobot]:
     for module in sorted(package.glob("*_description.py")):
         path = _path_in_module(module, clones)
         if path is not None and path.is_file():
-            yield FoundRobot(plain_name(module.stem.removesuffix("_description")), _DESCRIPTIONS_PACKAGE, path)
+            robot_name = plain_name(module.stem.removesuffix("_description"))
+            yield FoundRobot(robot_name, _DESCRIPTIONS_PACKAGE, path)
 
 
 def _repositories(file: Path) -> dict[str, str]:
     """Folder of each repository in the cache, from the package's table ``{name: Repository(cache_path=…)}``."""
-    folders = {}
+    folders: dict[str, str] = {}
     for node in ast.walk(_parse_module(file)):
         if not isinstance(node, ast.Dict):
             continue
@@ -219,6 +223,7 @@ def _evaluate_path(node: ast.expr | None, variables: Mapping[str, Path], clones:
         return Path(node.value)
     if not isinstance(node, ast.Call) or not node.args:
         return None
+    # the function may be a name, or an attribute of a module
     function_name = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
     if function_name.endswith("clone_to_cache"):
         repository = node.args[0]
@@ -272,9 +277,9 @@ _DEMO = "demo"
 
 
 def bundled_file(name: str, robot: str, suffix: str, what: str) -> Path:
-    """Path ``name``, or for ``demo`` the file with this suffix that is bundled with a robot; ``what``: its kind, for errors.
+    """Path ``name``; if the name is ``demo``, the file with this suffix that is bundled with a robot.
 
-    Raises :class:`~twistwrench.UnknownNameError` if none is bundled with it.
+    ``what`` is the kind of the file, for errors. Raises :class:`~twistwrench.UnknownNameError` if the robot has no such file.
     """
     if name != _DEMO or Path(name).is_file():
         return Path(name)
@@ -282,11 +287,12 @@ def bundled_file(name: str, robot: str, suffix: str, what: str) -> Path:
     ending = f"_{_DEMO}{suffix}"
     path = folder / f"{robot}{ending}"
     if not path.is_file():
-        robots_with_file = [path.name.removesuffix(ending) for path in sorted(folder.glob(f"*{ending}"))]
+        robots_with_file = [file.name.removesuffix(ending) for file in sorted(folder.glob(f"*{ending}"))]
         similar = difflib.get_close_matches(robot.lower(), robots_with_file, n=1, cutoff=0.8)
         hint = f" Did you mean {similar[0]!r}?" if similar else ""
+        _, _, file_type = suffix.rpartition(".")
         raise UnknownNameError(
             f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(robots_with_file)}. "
-            f"Give the path of a {suffix.rpartition('.')[2].upper()} file instead."
+            f"Give the path of a {file_type.upper()} file instead."
         )
     return path

@@ -33,14 +33,12 @@ MAX_LEVER = 5.0
 """m: largest plausible ratio of moments to forces. It is 1000 times too large if moments are in N mm."""
 _MIN_DOUBTED_MOMENT = 10.0
 """N m: smaller moments are not doubted, since their ratio to forces may be that of noise."""
-_MOTION_LIMITS = (
+_MOTION_LIMITS = (  # field, its columns, largest plausible value, quantity, unit, cause of larger values
     ("V", slice(0, 3), 50.0, "angular velocities", "rad/s", "are in degrees per second"),
     ("V", slice(3, 6), 30.0, "velocities", "m/s", "or the poses are in mm"),
     ("dV", slice(3, 6), 1000.0, "accelerations", "m/s²", "or the poses are in mm"),
 )
-"""Field and its columns, largest plausible value, its quantity and unit, and cause of larger values.
-
-No arm is as fast as a limit, and usual motions in degrees or millimetres are faster."""
+"""Limits of plausible motions. No arm is as fast as a limit, and usual motions in degrees or millimetres are faster."""
 MAX_TURN = np.radians(2.0)
 """Angle between gravity by orientations and by joint positions above which there is a doubt."""
 _GRAVITY_RANGE = (1.5, 30.0)
@@ -81,9 +79,9 @@ class ReadingLog:
     notes: tuple[str, ...] = ()
     """Sentences about the parts of the file that were ignored."""
     by_gravity: bool = False
-    """True if gravity was logged for each reading in place of orientations."""
+    """True if gravity, and not the orientation, was logged for each reading."""
     rotations: Array | None = None
-    """Orientations R_wf (n, 3, 3), or None if gravity was logged in their place."""
+    """Orientations R_wf (n, 3, 3), or None if gravity was logged instead."""
     turned: float = 0.0
     """Median angle between gravity by the logged orientations and by the joint positions of a robot [rad]."""
 
@@ -129,7 +127,7 @@ class ReadingLog:
         >>> log.gravity.tolist()
         [[0.0, 0.0, -9.81]]
         """
-        plain = plain_arrays({"pose": pose, "V": V, "dV": dV})
+        plain = plain_arrays({"pose": pose, "V": V, "dV": dV})  # without labels of frames
         pose, V, dV = plain["pose"], plain["V"], plain["dV"]
         F = np.array(arguments.real(readings, f"{name}: readings"), float)
 
@@ -150,7 +148,7 @@ class ReadingLog:
         V_rows = None if V is None else _reading_rows(V, n, 6, f"{name}: V")
         dV_rows = None if dV is None else _reading_rows(dV, n, 6, f"{name}: dV")
         if not np.isfinite(F).all():
-            row, column = np.argwhere(~np.isfinite(F))[0]
+            row, column = np.argwhere(~np.isfinite(F))[0]  # the first one
             raise ValueRangeError(
                 f"{name}: {WRENCH[column]} of reading {row} is {F[row, column]}. Readings must be finite: fill or remove it."
             )
@@ -162,8 +160,8 @@ class ReadingLog:
             raise ValueRangeError(f"{name}: V and dV belong together. Give both, or neither for a sensor at rest.")
         t = None if time is None else _increasing_times(time, n, name)
         R = None if pose is None else np.broadcast_to(checked_rotations(pose), (n, 3, 3))
-        by_gravity = pose is None and g.ndim == 2
-        log = cls(F, gravity_rows, V_rows, dV_rows, t, name, by_gravity=by_gravity, rotations=R)
+        has_gravity_of_each = pose is None and g.ndim == 2
+        log = cls(F, gravity_rows, V_rows, dV_rows, t, name, by_gravity=has_gravity_of_each, rotations=R)
         for log_doubt in log.doubts():
             warnings.warn(f"{name}: {log_doubt}", ModelWarning, stacklevel=2)
         return log
@@ -193,7 +191,7 @@ class ReadingLog:
         2
         """
         try:
-            self.readings[which]  # NumPy raises an error if the index is not valid
+            self.readings[which]  # only for NumPy's error if the index is not valid
         except (IndexError, TypeError, ValueError) as problem:
             raise ValueRangeError(
                 f"{self.name}: {arguments.value_text(which)} chooses no readings: {problem}. Give a slice, indices, or "
@@ -201,8 +199,8 @@ class ReadingLog:
             ) from None
         selected: dict[str, Any] = {}
         for name in ("readings", "gravity", "V", "dV", "time", "rotations"):
-            x = getattr(self, name)
-            selected[name] = None if x is None else x[which]
+            values = getattr(self, name)
+            selected[name] = None if values is None else values[which]
         return replace(self, **selected)
 
     def doubts(self) -> list[Doubt]:
@@ -272,9 +270,8 @@ class ReadingLog:
         readings : (n, 6) array [N m, N]
         """
         checked_sensor(sensor, "predicted")
-        return sensor.predict(
-            np.eye(3), self.V, self.dV, gravity=self.gravity
-        )  # gravity is in {f}, so no pose is needed
+        no_rotation = np.eye(3)  # gravity is in {f} already
+        return sensor.predict(no_rotation, self.V, self.dV, gravity=self.gravity)
 
     def compensated(self, sensor: ForceTorqueSensor) -> Array:
         """Gravity compensation: readings without the sensor's bias, weight and inertial load.
@@ -308,7 +305,7 @@ def checked_log(log: Any, taker: str) -> ReadingLog:
 
 
 def first_late_row(time: Array) -> int | None:
-    """Index of the first time (n,) that does not exceed its predecessor; None if all increase."""
+    """Index of the first time (n,) that does not exceed the time before it; None if all times increase."""
     late_rows = np.flatnonzero(np.diff(time) <= 0)
     return int(late_rows[0]) + 1 if late_rows.size else None
 
@@ -327,14 +324,14 @@ def _increasing_times(time: ArrayLike, count: int, name: str) -> Array:
     return t
 
 
-def _reading_rows(value: ArrayLike, count: int, width: int, where: str) -> Array:
-    """Values (count, width), a row for each reading; a single row is repeated."""
-    x = np.array(arguments.finite(value, where), float)
-    if x.shape == (width,):
-        x = np.tile(x, (count, 1))
-    if x.shape != (count, width):
-        raise ShapeError(f"{where} has shape {x.shape}, expected ({count}, {width}), a row for each reading.")
-    return x
+def _reading_rows(value: ArrayLike, count: int, width: int, what: str) -> Array:
+    """Values (count, width), a row for each reading; a single row is repeated. ``what`` names them in errors."""
+    rows = np.array(arguments.finite(value, what), float)
+    if rows.shape == (width,):
+        rows = np.tile(rows, (count, 1))
+    if rows.shape != (count, width):
+        raise ShapeError(f"{what} has shape {rows.shape}, expected ({count}, {width}), a row for each reading.")
+    return rows
 
 
 complete(globals())

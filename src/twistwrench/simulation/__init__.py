@@ -47,16 +47,16 @@ __all__ = [
 ]
 
 
-_LATER = {
+_MODULES_ON_FIRST_USE = {
     "ClosedSimulation": "simulation.closed",
     "Flight": "mechanics.bodies.free_body",
     "Rollout": "simulation.rollout",
     "RolloutGradient": "simulation.rollout",
 }
-"""Modules of types that most simulations do not need."""
+"""Module of each type that most simulations do not need; it is imported when the type is first used."""
 
 
 def __getattr__(name: str) -> object:
-    if name not in _LATER:
+    if name not in _MODULES_ON_FIRST_USE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"twistwrench.{_LATER[name]}"), name)
+    return getattr(import_module(f"twistwrench.{_MODULES_ON_FIRST_USE[name]}"), name)

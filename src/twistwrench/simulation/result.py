@@ -86,7 +86,7 @@ class SimulationResult(Answer):
     method: str = ""
     """The integrator."""
     dt: float = np.nan
-    """Interval [s] between recorded states if every one is kept; equal to the step unless the method is adaptive."""
+    """Interval [s] between recorded states if every state is kept; equal to the step unless the method is adaptive."""
     steps: int = 0
     """Number of steps."""
     rejected: int = 0
@@ -130,12 +130,13 @@ class SimulationResult(Answer):
         """Largest drift divided by the largest kinetic energy, work, or change of potential energy."""
         if not np.isfinite(self.energy).all():
             return np.nan
-        exchanged = [float(self.kinetic_energy.max()), float(np.ptp(self.potential_energy))]
-        exchanged += map(_largest_magnitude, self.work.values())
-        exchanged.append(_ROUNDING * _largest_magnitude(self.energy))
-        if not max(exchanged) > 0:
+        energies = [float(self.kinetic_energy.max()), float(np.ptp(self.potential_energy))]
+        energies += map(_largest_magnitude, self.work.values())
+        energies.append(_ROUNDING * _largest_magnitude(self.energy))
+        exchanged_energy = max(energies)
+        if not exchanged_energy > 0:
             return 0.0
-        return _largest_magnitude(self.drift) / max(exchanged)
+        return _largest_magnitude(self.drift) / exchanged_energy
 
     def __len__(self) -> int:
         return len(self.times)
@@ -292,7 +293,7 @@ class SimulationResult(Answer):
 
 
 def _largest_magnitude(x: Array) -> float:
-    """Largest absolute value; NaN if there is one."""
+    """Largest absolute value; NaN if an entry is NaN."""
     return max(float(x.max()), -float(x.min()))
 
 
@@ -305,7 +306,7 @@ MAX_INITIAL_ROWS = 1_000_000
 class Record:
     """Record of the times, states, accelerations and torques of a run, and of its events.
 
-    A state counts only when all its values are stored, so that an interrupted run has no half-stored state.
+    A state counts only when all its values are stored, so an interrupt leaves no half-stored state.
     """
 
     def __init__(self, rows: int, size: int, nv: int) -> None:
@@ -338,20 +339,20 @@ class Record:
 
     def keep_block(self, times: Array, states: Array, accelerations: Array, tau: Array) -> None:
         """Add m states (m, size) under torques (nv,) or (m, nv)."""
-        first, end = self.count, self.count + len(times)
+        begin, end = self.count, self.count + len(times)
         if end > len(self._parts[0]):
             self._grow(end)
         for part, values in zip(self._parts, (times, states, accelerations, tau), strict=True):
-            part[first:end] = values
+            part[begin:end] = values
         self.count = end
 
     def result(self, robot: Robot, works: tuple[str, ...], **other_fields: Any) -> SimulationResult:
-        """Result with the stored states, their energies, ``works`` by name and momentum, and other fields."""
+        """Result with the stored states, their energies and momentum, and other fields. ``works`` are names of the works."""
         times, states, accelerations, torques = (part[: self.count] for part in self._parts)
         if self.count < len(self._parts[0]) - 2:  # releases memory after an early end
             times, accelerations, torques = times.copy(), accelerations.copy(), torques.copy()
-        parts = np.split(states, [robot.nq, robot.nq + robot.nv], axis=1)
-        q, dq, work_values = map(np.ascontiguousarray, parts)
+        column_blocks = np.split(states, [robot.nq, robot.nq + robot.nv], axis=1)
+        q, dq, work_values = map(np.ascontiguousarray, column_blocks)
         with np.errstate(all="ignore"):  # the last states before a failure may overflow
             kinetic_energy = robot.kinetic_energy(q, dq)
             potential_energy = robot.potential_energy(q)
@@ -379,12 +380,12 @@ class Record:
         )
 
     def _grow(self, rows: int) -> None:
-        """Make room for this number of states, and for twice as many as before."""
+        """Make room for at least ``rows`` states, and at least twice as many as before."""
         parts = []
-        for old in self._parts:
-            new = np.empty((max(rows, 2 * len(old)), *old.shape[1:]))
-            new[: self.count] = old[: self.count]
-            parts.append(new)
+        for old_part in self._parts:
+            new_part = np.empty((max(rows, 2 * len(old_part)), *old_part.shape[1:]))
+            new_part[: self.count] = old_part[: self.count]
+            parts.append(new_part)
         self._parts = tuple(parts)  # type: ignore[assignment]
 
 

@@ -1,4 +1,4 @@
-"""Run loop of a simulation: fixed or adaptive steps, events, controller samples, and the instability_message error."""
+"""Run loop of a simulation: fixed or adaptive steps, events, controller samples, and the error of an unstable step."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 def instability_message(run: Run, t0: float, t1: float, y: Array) -> str:
     """Error message for an unstable step from t0 to t1: joint, speed and remedy."""
     speeds = y[run.system.moving]
-    fastest = int(np.argmax(np.where(np.isfinite(speeds), np.abs(speeds), np.inf)))
+    sizes = np.where(np.isfinite(speeds), np.abs(speeds), np.inf)  # a speed that is not finite is the fastest
+    fastest = int(np.argmax(sizes))
     advice = f"Take a smaller dt than {printed(run.h)} s, or {argument('method', ADAPTIVE)}."
     if run.method == ADAPTIVE:
         advice = "Its error is within the tolerance: look for torques or wrenches that push the way it moves already."
@@ -73,7 +74,7 @@ class Run:
         self.n = n
         """Number of fixed steps, or of samples of a controller between adaptive steps."""
         self.every = every
-        """Every so many steps a state is stored."""
+        """Number of steps from one stored state to the next."""
         self.h = end / n
         self.remarks = remarks
         self.method = method
@@ -83,7 +84,7 @@ class Run:
         self.detector: EventDetector | None = None
         self.controller: ControlLaw | None = None
         self.constant = system.held
-        """Constant torques, to which those of the controller are added."""
+        """Constant torques; torques of the controller are added to them."""
         self.tick: Callable[[float], None] | None = None
         """Function that is called with the time after each step or block of steps."""
         self.compiled: CompiledSteps | None = None
@@ -103,10 +104,10 @@ class Run:
         self.force_check = ForceCheck(quadrature, self.h)
         self.contact_durations = ContactDurations([contact.name for contact in system.contacts])
         self.stepper: Stepper | None = None
-        """Adaptive method, if the steps adapt."""
+        """Adaptive method; None for fixed steps."""
         self.accuracy = Accuracy(np.full(robot.nv, np.nan), np.nan)
         self.last: tuple[float, Array] = (0.0, start.copy())
-        """Last stable state, stored or not; initially the first state."""
+        """Time and value of the last stable state, stored or not; initially the first state."""
 
     def take_fixed_steps(self) -> None:
         """Take fixed steps."""
@@ -146,7 +147,7 @@ class Run:
         if self.last[0] > self.record.last:
             try:
                 self.keep_at(*self.last)
-            except (SimulationError, KeyboardInterrupt):  # errors recur; an interrupt is already in progress
+            except (SimulationError, KeyboardInterrupt):  # the run ends by the same error or interrupt already
                 unknown = np.full(self.robot.nv, np.nan)
                 self.record.keep(*self.last, unknown, unknown)
         remarks = [*self.remarks]
@@ -189,7 +190,9 @@ class Run:
         if step_error is not None:
             self.accuracy = Accuracy.from_error(extent, step_error)
         missed_error = self.force_check.error(extent, self.last[0])
-        if missed_error is not None and Accuracy.from_error(extent, missed_error).remarkable:
+        if missed_error is None:
+            return
+        if Accuracy.from_error(extent, missed_error).remarkable:
             self.remarks.append(self.force_check.remark())
             self.accuracy = Accuracy.from_error(extent, np.fmax(self.accuracy.error, missed_error))
 
@@ -228,18 +231,19 @@ class Run:
             self.system.held = self.constant + self.controller(t, *self.system.split(y))
 
     def _changes(self, t: float, y: Array, y1: Array) -> bool:
-        """True if a contact begins or ends in the step to y1 at t, or dry friction stops, releases or reverses a joint."""
+        """True if a contact begins or ends in the step to y1 at t, or if dry friction stops, releases or reverses a joint."""
         if self.detector is not None and self.contact_durations.names:
-            contacts_worked = bool(y1[-1] != y[-1])  # the last entry is their work
+            contacts_worked = bool(y1[-1] != y[-1])  # the last entry of a state is the work of contacts
             if self.contact_durations.step(t, self.detector.gaps, worked=contacts_worked):
                 return True
         dry_friction, moving = self.system.dry_friction, self.system.moving
         if dry_friction is None:
             return False
-        return bool((np.sign(y1[moving]) != np.sign(y[moving]))[dry_friction.dry].any())
+        sign_changes = np.sign(y1[moving]) != np.sign(y[moving])
+        return bool(sign_changes[dry_friction.dry].any())
 
     def advance(self, t: float, y: Array) -> None:
-        """Record a stable step to y at t."""
+        """Count a stable step, whose final state y at t is the last one."""
         self.steps += 1
         self.last = (t, y)
         if self.tick is not None:
@@ -270,7 +274,7 @@ class Run:
         return y
 
     def require_stable(self, t0: float, t1: float, y: Array) -> None:
-        """Raise SimulationError after an unstable step, by the state after it."""
+        """Raise SimulationError if y, the state after a step, is too fast or not finite."""
         speeds = np.abs(y[self.system.moving])
         if not (speeds.max() < MAX_SPEED and np.isfinite(y).all()):
             raise SimulationError(instability_message(self, t0, t1, y))
@@ -278,18 +282,18 @@ class Run:
     def end_at_event(
         self, t: float, y: Array, points: Sequence[tuple[float, Array]], kept: Sequence[tuple[float, Array]] = ()
     ) -> bool:
-        """End the run at the first event in a step from y at t that ends it; False if there is none.
+        """End the run at the first event that ends it, in a step from y at t; False without such an event.
 
-        ``points`` are times after t and states in the step, with that at its end. Those of the states ``kept`` before the
-        event are stored, and then the state at the event.
+        ``points`` are times after t and states in the step, including its end. The states ``kept`` are stored if they are
+        before the event; then the state at the event is stored.
         """
         state_at = self.along(t, y)
         end = self.locate_event(t, points, state_at)
         if end is None:
             return False
-        before = [(t + s, state) for s, state in kept if s < end]
-        if before:
-            times, states = zip(*before, strict=True)
+        kept_before = [(t + s, state) for s, state in kept if s < end]
+        if kept_before:
+            times, states = zip(*kept_before, strict=True)
             self.keep_all(np.array(times), np.array(states))
         self.finish(t, end, state_at)
         return True
@@ -308,7 +312,7 @@ class Run:
     def locate_event(
         self, t: float, points: Sequence[tuple[float, Array]], state_at: Callable[[float], Array]
     ) -> float | None:
-        """Locate and record events in a step from t; returns the time after t of one that ends the run, or None.
+        """Locate and record events in a step from t; returns the time after t of the event that ends the run, or None.
 
         ``points`` are times after t and states in the step; ``state_at`` returns the state at any time after t.
         """

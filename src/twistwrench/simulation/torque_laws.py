@@ -22,7 +22,7 @@ class TorqueLaw(Protocol):
     """Control law of a rollout."""
 
     names: ClassVar[tuple[str, ...]]
-    """Names of the inputs of every step. Each is an attribute: (nq,) for ``q_des``, for others (nv,) or a number for all."""
+    """Names of the inputs of every step, which are attributes: ``q_des`` (nq,), others (nv,) or one number for all joints."""
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -85,9 +85,9 @@ class BatchPD(TorqueLaw):
     """PD law of the motions of a rollout: τ = kp (q_des - q) + kd (dq_des - dq) + g(q). MR section 11.4.
 
     Unlike in :class:`twistwrench.control.PD`, gains and references may differ between motions. The law acts on joints
-    with one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored. A value
-    (n,) applies to all steps and samples, one of shape (..., steps, n) step by step, and one of shape (..., 1, n) sample
-    by sample. g includes springs, and is that of the robot without ``parameters``.
+    with one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored. A value of
+    shape (n,) applies to all steps and samples, (..., steps, n) to each step, and (..., 1, n) to each sample. g includes
+    springs, and is computed without ``parameters``.
     """
 
     q_des: ArrayLike
@@ -142,9 +142,9 @@ class BatchPD(TorqueLaw):
 class BatchComputedTorque(TorqueLaw):
     """Computed-torque law of the motions of a rollout: τ = M (ddq_des + kp (q_des - q) + kd (dq_des - dq)) + h.
 
-    The error obeys ë + kd ė + kp e = 0 (MR eq. 11.35). Shapes are those of :class:`BatchPD`. M and h are those of the
-    robot without ``parameters``, including gravity and springs, without friction. Ball, planar and floating joints
-    raise an error, because q_des - q is not an error of such a joint.
+    The error obeys ë + kd ė + kp e = 0 (MR eq. 11.35). Shapes are as in :class:`BatchPD`. M and h are computed without
+    ``parameters``; h includes gravity and springs, but not friction. Ball, planar and floating joints raise an error,
+    because q_des - q is not an error of such a joint.
     """
 
     q_des: ArrayLike
@@ -161,7 +161,7 @@ class BatchComputedTorque(TorqueLaw):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Key: one program for all."""
+        """Key of the only program."""
         return ("computed torque",)
 
     def check(self, model: Model) -> None:

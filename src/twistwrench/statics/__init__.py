@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from .support import Support, hold, support  # now, since its file has the name of its function
+from .support import Support, hold, support  # imported now, since file and function have the same name
 
 if TYPE_CHECKING:
     from .clearance import Clearance
@@ -106,7 +106,7 @@ _FILES = {
     "TorqueWrench": "torque_wrench",
     "wrench_from_torques": "torque_wrench",
 }
-"""File of each name, imported on first use: clearance reads shapes, which a command about feet does not need."""
+"""File of each name. It is imported on first use: clearance reads shapes, which a command about feet does not need."""
 
 
 def __getattr__(name: str) -> object:

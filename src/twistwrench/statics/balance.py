@@ -14,19 +14,21 @@ from ..core.typing import Array
 from .cone_programme import ConeOptimum, Cones, ForceBounds, Sense, cone_programme, least_norm_in_cones, two_sided
 from .contacts import Contact, cones_of
 
-_LEFT_OVER = 1e-6
-"""Load that forces leave over, relative to the load, above which a row is undecided."""
+_MAX_RESIDUAL = 1e-6
+"""Load that the forces do not balance, relative to the load, above which a row is undecided."""
+_ROUNDING_LOAD = 1e-12
+"""Unbalanced load that counts as rounding, also if the load is zero [N]."""
 _UNLIMITED_FRICTION = 10.0
 """Coefficient of friction that counts as unlimited."""
-_HALVINGS = 14
-"""Halvings of the interval of the least coefficient of friction."""
+_BISECTION_STEPS = 14
+"""Halvings of the interval in which the least coefficient of friction lies."""
 _REST_SPEED_SHARE = 1e-6
-"""Velocity of a contact relative to the fastest below which it does not move."""
+"""Velocity of a contact, relative to the fastest contact, below which it does not move."""
 
 
 @dataclass(frozen=True, eq=False)
 class BalanceSolution:
-    """Forces, margins and proofs of n rows, as in :class:`~twistwrench.statics.support.Support`."""
+    """Forces, margins and proofs of n rows; :class:`~twistwrench.statics.support.Support` explains each field."""
 
     holds: Array
     decided: Array
@@ -42,7 +44,10 @@ class BalanceSolution:
 
 
 class Balance:
-    """Balance Σ G_i f_i = b of each row in the cones; rotational rows are divided by the contacts' lever, so all are in N."""
+    """Balance Σ G_i f_i = b of n loads by forces f_i in the friction cones of c contacts.
+
+    Moments are divided by the lever of the contacts, so all m equations of a load are in N.
+    """
 
     def __init__(
         self,
@@ -54,11 +59,14 @@ class Balance:
         turning: Array,
         in_contact: ArrayLike | None,
     ) -> None:
+        """``maps`` (n, m, c, 3) are G; ``heavier`` (n, m) is the load of 1 kg more; ``turning`` (m,) are moment equations."""
         n, _, c, _ = maps.shape
         self.contacts = contacts
         self.cones, self.bounds = cones_of(contacts, n)
         self.active = np.ones((n, c), bool) if in_contact is None else _contact_mask(in_contact, n, c)
-        lever = float(np.abs(maps[:, turning]).max(initial=0.0)) or 1.0
+        lever = float(np.abs(maps[:, turning]).max(initial=0.0))
+        if lever == 0.0:  # no moments
+            lever = 1.0
         self.units = np.where(turning, lever, 1.0)
         self.maps = maps / self.units[:, None, None]
         pull = np.array([contact.pull for contact in contacts])
@@ -71,27 +79,33 @@ class Balance:
 
     def solve(self) -> BalanceSolution:
         """Forces, margins and proofs of all rows."""
-        first = self._programme(self.b)
-        balanced = ~np.isnan(first.s)
-        residual = np.abs(np.einsum("nmck,nck->nm", self.maps, first.forces) - self.b).max(axis=1, initial=0.0)
-        size = np.abs(self.b).max(axis=1, initial=0.0)
-        motion, power, how = self._motions(first.prices)
-        decided = first.settled & np.where(balanced, residual <= _LEFT_OVER * size + 1e-12, power > 0)
+        optimum = self._programme(self.b)
+        balanced = ~np.isnan(optimum.s)
+        unbalanced_load = np.einsum("nmck,nck->nm", self.maps, optimum.forces) - self.b
+        residual = np.abs(unbalanced_load).max(axis=1, initial=0.0)
+        load_size = np.abs(self.b).max(axis=1, initial=0.0)
+        motion, power, how = self._motions(optimum.prices)
+        is_exact = residual <= _MAX_RESIDUAL * load_size + _ROUNDING_LOAD
+        decided = optimum.settled & np.where(balanced, is_exact, power > 0)
         holds = balanced & decided
-        forces = np.full(first.forces.shape, np.nan)
+        fails = decided & ~holds
+        forces = np.full(optimum.forces.shape, np.nan)
         least_norm = np.zeros(len(forces), bool)
-        forces[holds], least_norm[holds] = self._least_norm(first.forces, holds)
-        failed, friction = decided & ~holds, self._friction()
-        self._tip(np.flatnonzero(failed & (how == "slips") & np.isinf(friction)), motion, power, how)
-        how = np.where(decided, np.where(holds, "holds", how), "undecided")
+        forces[holds], least_norm[holds] = self._least_norm(optimum.forces, holds)
+        friction = self._friction()
+        slips_with_any_friction = fails & (how == "slips") & np.isinf(friction)
+        self._tip(np.flatnonzero(slips_with_any_friction), motion, power, how)
+        how = np.where(holds, "holds", how)
+        how = np.where(decided, how, "undecided")
         speed, slowest = self._speeds(holds)
+        motion = np.where(fails[:, None], motion, np.nan)
+        power = np.where(fails, power, np.nan)
         return BalanceSolution(
-            holds, decided, how, forces, speed, slowest, self._payloads(holds), friction,
-            np.where(failed[:, None], motion, np.nan), np.where(failed, power, np.nan), least_norm,
-        )  # fmt: skip
+            holds, decided, how, forces, speed, slowest, self._payloads(holds), friction, motion, power, least_norm
+        )
 
     def _tip(self, rows: Array, motion: Array, power: Array, how: Array) -> None:
-        """Replace motions that slide, of rows that no friction holds, by those that no friction resists."""
+        """Replace motion, power and ``how`` of ``rows``, which slide, by a motion that no friction resists, if there is one."""
         if not len(rows):
             return
         share = self._shares()
@@ -99,14 +113,18 @@ class Balance:
         optimum = self._programme(self.b[rows], rows=rows, cones=cones)
         tip_motion, tip_power, tip_how = self._motions(optimum.prices, rows, slippery=share == 0)
         tips = np.isnan(optimum.s) & optimum.settled & (tip_power > 0)
-        motion[rows[tips]], power[rows[tips]], how[rows[tips]] = tip_motion[tips], tip_power[tips], tip_how[tips]
+        tipping_rows = rows[tips]
+        motion[tipping_rows] = tip_motion[tips]
+        power[tipping_rows] = tip_power[tips]
+        how[tipping_rows] = tip_how[tips]
 
     def forces(self) -> tuple[Array, Array, Array]:
-        """Forces (n, c, 3), NaN where none balance, masks of those of least norm and of rows with forces."""
-        first = self._programme(self.b)
-        holds = ~np.isnan(first.s) & first.settled
-        forces, least_norm = np.full(first.forces.shape, np.nan), np.zeros(len(holds), bool)
-        forces[holds], least_norm[holds] = self._least_norm(first.forces, holds)
+        """Forces (n, c, 3), NaN where none balance; mask (n,) of forces of least norm; mask (n,) of rows with forces."""
+        optimum = self._programme(self.b)
+        holds = ~np.isnan(optimum.s) & optimum.settled
+        forces = np.full(optimum.forces.shape, np.nan)
+        least_norm = np.zeros(len(holds), bool)
+        forces[holds], least_norm[holds] = self._least_norm(optimum.forces, holds)
         return forces, least_norm, holds
 
     def _programme(
@@ -117,41 +135,45 @@ class Balance:
         sense: Sense = "most",
         cones: Cones | None = None,
     ) -> ConeOptimum:
+        """Largest or least s with balance of b + s d, for loads ``b`` of these rows."""
         maps, active, bounds = self.maps[rows], self.active[rows], self.bounds.of(rows)
         return cone_programme(cones or self.cones, maps, b, d, bounds=bounds, active=active, sense=sense)
 
     def _least_norm(self, basic: Array, rows: Array) -> tuple[Array, Array]:
-        """Forces of least norm beyond the preload, basic ones where these are not found, and a mask of the former."""
+        """Forces of least norm beyond the preload, or ``basic`` forces where the search fails; mask of rows with least norm."""
         maps, active, bounds = self.maps[rows], self.active[rows], self.bounds.of(rows)
-        forces, solved = least_norm_in_cones(self.cones, maps, self.b[rows], active, bounds)
-        return np.where(solved[:, None, None], forces, basic[rows]) + self.preload[rows], solved
+        forces, is_found = least_norm_in_cones(self.cones, maps, self.b[rows], active, bounds)
+        return np.where(is_found[:, None, None], forces, basic[rows]) + self.preload[rows], is_found
 
     def forces_within(
         self, forces: Array, least_norm: Array, maps: Array, tau: Array, limits: Array
     ) -> tuple[Array, Array]:
-        """Forces that keep τ - Σ J_i' f_i within limits, or their largest share least, and a mask of those of least norm.
+        """Forces that keep the torques τ - Σ J_i' f_i within limits, and the mask of forces of least norm.
 
-        ``forces`` (n, c, 3) and ``least_norm`` (n,) are those without limits, NaN where none balance.
+        Where no forces do, the largest share of a limit is as small as possible. The arguments ``forces`` (n, c, 3) and
+        ``least_norm`` (n,) are the solution without limits, with NaN where no forces balance.
         """
         forces, least_norm = forces.copy(), least_norm.copy()
-        rows = np.flatnonzero(exceeding(tau - np.einsum("nvck,nck->nv", maps, forces), limits))
+        torques = tau - np.einsum("nvck,nck->nv", maps, forces)
+        rows = np.flatnonzero(exceeding(torques, limits))
         if not len(rows):
             return forces, least_norm
-        active, limited = self.active[rows], LimitedBalance(self, maps, tau, limits, rows)
-        least = cone_programme(
-            self.cones, self.maps[rows], self.b[rows], bounds=limited.growing, active=active, sense="least"
-        )
-        within = limited.within(np.maximum(least.s * (1.0 + TOLERANCE), 1.0))
-        small, least_norm[rows] = least_norm_in_cones(self.cones, self.maps[rows], self.b[rows], active, within)
-        forces[rows] = np.where(least_norm[rows, None, None], small, least.forces) + self.preload[rows]
+        own_maps, own_b, active = self.maps[rows], self.b[rows], self.active[rows]
+        limited = LimitedBalance(self, maps, tau, limits, rows)
+        least = cone_programme(self.cones, own_maps, own_b, bounds=limited.growing, active=active, sense="least")
+        allowed_share = np.maximum(least.s * (1.0 + TOLERANCE), 1.0)
+        bounds = limited.within(allowed_share)
+        least_norm_forces, least_norm[rows] = least_norm_in_cones(self.cones, own_maps, own_b, active, bounds)
+        forces[rows] = np.where(least_norm[rows, None, None], least_norm_forces, least.forces) + self.preload[rows]
         return forces, least_norm
 
     def friction_within(self, friction: Array, maps: Array, tau: Array, limits: Array, maximum: float) -> Array:
-        """Least coefficients (n,) from ``friction`` to ``maximum`` for which forces keep the torques within limits.
+        """Least coefficients of friction (n,), from ``friction`` to ``maximum``, with which torques stay within limits.
 
-        Rows whose torques are within them at ``friction``, or above them even with ``maximum``, keep ``friction``.
+        Rows with torques within limits at ``friction``, or above limits even with ``maximum``, keep ``friction``.
         """
-        needed, share = friction.copy(), self._shares()
+        needed_friction = friction.copy()
+        share = self._shares()
         finite = np.flatnonzero(np.isfinite(friction) & (friction < maximum))
         cones = replace(self.cones, friction=friction[finite][:, None] * share)
         forces, solved = least_norm_in_cones(
@@ -159,20 +181,24 @@ class Balance:
         )
         torques = tau[finite] - np.einsum("nvck,nck->nv", maps[finite], forces + self.preload[finite])
         rows = finite[exceeding(torques, limits) | ~solved]
-        rows = rows[~self._keeps(rows, friction[rows], share, maps, tau, limits)]
-        rows = rows[self._keeps(rows, np.full(len(rows), maximum), share, maps, tau, limits)]
+        rows = rows[~self._keeps_limits(rows, friction[rows], share, maps, tau, limits)]
+        rows = rows[self._keeps_limits(rows, np.full(len(rows), maximum), share, maps, tau, limits)]
         if not len(rows):
-            return needed
-        low, high = friction[rows], np.full(len(rows), maximum)
-        for _ in range(_HALVINGS):
-            middle = np.tan(0.5 * (np.arctan(low) + np.arctan(high)))
-            keeps = self._keeps(rows, middle, share, maps, tau, limits)
-            low, high = np.where(keeps, low, middle), np.where(keeps, middle, high)
-        needed[rows] = high
-        return needed
+            return needed_friction
+        low = friction[rows]  # too little; high is enough
+        high = np.full(len(rows), maximum)
+        for _ in range(_BISECTION_STEPS):
+            middle = np.tan(0.5 * (np.arctan(low) + np.arctan(high)))  # middle of the cones' angles
+            keeps = self._keeps_limits(rows, middle, share, maps, tau, limits)
+            low = np.where(keeps, low, middle)
+            high = np.where(keeps, middle, high)
+        needed_friction[rows] = high
+        return needed_friction
 
-    def _keeps(self, rows: Array, friction: Array, share: Array, maps: Array, tau: Array, limits: Array) -> Array:
-        """True for rows with forces within cones of these coefficients that keep the torques within limits."""
+    def _keeps_limits(
+        self, rows: Array, friction: Array, share: Array, maps: Array, tau: Array, limits: Array
+    ) -> Array:
+        """True for ``rows`` where forces in cones of coefficients ``friction`` · ``share`` keep torques within limits."""
         if not len(rows):
             return np.zeros(0, bool)
         cones = replace(self.cones, friction=friction[:, None] * share)
@@ -181,49 +207,58 @@ class Balance:
         return ~np.isnan(optimum.s) & optimum.settled
 
     def _speeds(self, holds: Array) -> tuple[Array, Array]:
-        """Largest and least factors of the speed: the s² that hold are an interval, as the cones are convex."""
+        """Largest and least factors s of the speed; s² lies in an interval, since the cones are convex. NaN without rest."""
         if self.rest_b is None:
             unknown = np.full(len(self.b), np.nan)
             return unknown, unknown
         rate = self.b - self.rest_b
-        start, offset = np.where(holds[:, None], self.b, self.rest_b), np.where(holds, 1.0, 0.0)
+        start = np.where(holds[:, None], self.b, self.rest_b)  # s² grows from 1 where the row holds, else from 0
+        start_s2 = np.where(holds, 1.0, 0.0)
         maximum = self._programme(start, rate)
         minimum = self._programme(self.rest_b, rate, sense="least")
-        speed = np.sqrt(np.where(maximum.settled, offset + maximum.s, np.nan))
+        speed = np.sqrt(np.where(maximum.settled, start_s2 + maximum.s, np.nan))
         return speed, np.sqrt(np.where(minimum.settled, minimum.s, np.nan))
 
     def _payloads(self, holds: Array) -> Array:
-        """Further mass where the row holds, otherwise the least that has to go."""
+        """Largest mass to add where the row holds, otherwise minus the least mass to remove [kg]. NaN without payload."""
         payload = np.full(len(self.b), np.nan)
         if self.heavier is None:
             return payload
-        sides: tuple[tuple[Array, float, Sense], ...] = ((holds, 1.0, "most"), (~holds, -1.0, "least"))
-        for rows, sign, sense in sides:
+        add_most: tuple[Array, float, Sense] = (holds, 1.0, "most")
+        remove_least: tuple[Array, float, Sense] = (~holds, -1.0, "least")
+        for rows, sign, sense in (add_most, remove_least):
             if rows.any():
                 optimum = self._programme(self.b[rows], sign * self.heavier[rows], rows, sense)
                 payload[rows] = sign * np.where(optimum.settled, optimum.s, np.nan)
         return payload
 
     def _friction(self) -> Array:
-        """Least coefficient that holds, by bisection: what holds with one coefficient holds with a larger one."""
+        """Least coefficients of friction (n,) that hold, inf if none does.
+
+        Bisection is possible, since a row that holds with one coefficient holds with a larger one.
+        """
         share = self._shares()
-        low, high = np.zeros(len(self.b)), np.full(len(self.b), _UNLIMITED_FRICTION)
+        low = np.zeros(len(self.b))
+        high = np.full(len(self.b), _UNLIMITED_FRICTION)
         suffices = self._holds_with(share, high)
-        needs = suffices & ~self._holds_with(share, low)
-        rows = np.flatnonzero(needs)
-        for _ in range(_HALVINGS):
-            middle = np.tan(0.5 * (np.arctan(low) + np.arctan(high)))
+        needs_friction = suffices & ~self._holds_with(share, low)
+        rows = np.flatnonzero(needs_friction)
+        for _ in range(_BISECTION_STEPS):
+            middle = np.tan(0.5 * (np.arctan(low) + np.arctan(high)))  # middle of the cones' angles
             holds = self._holds_with(share, middle, rows)
-            high[rows[holds]], low[rows[~holds]] = middle[rows[holds]], middle[rows[~holds]]
-        return np.where(suffices, np.where(needs, high, 0.0), np.inf)
+            high[rows[holds]] = middle[rows[holds]]
+            low[rows[~holds]] = middle[rows[~holds]]
+        least_friction = np.where(needs_friction, high, 0.0)
+        return np.where(suffices, least_friction, np.inf)
 
     def _shares(self) -> Array:
-        """Coefficients (c,) of the contacts as shares of the largest, all of which grow together."""
+        """Coefficients of friction (c,) as shares of the largest; 1 for all contacts if all are frictionless."""
         mu = self.cones.friction
         largest = float(mu.max())
         return mu / largest if largest > 0 else np.ones_like(mu)
 
     def _holds_with(self, share: Array, friction: Array, rows: Array | slice = slice(None)) -> Array:
+        """True for ``rows`` that hold with coefficients ``friction`` (n,) · ``share`` (c,)."""
         cones = replace(self.cones, friction=friction[rows][:, None] * share)
         optimum = self._programme(self.b[rows], rows=rows, cones=cones)
         return ~np.isnan(optimum.s) & optimum.settled
@@ -231,56 +266,64 @@ class Balance:
     def _motions(
         self, prices: Array, rows: Any = slice(None), slippery: Array | None = None
     ) -> tuple[Array, Array, Array]:
-        """Motions of Farkas' lemma, largest entry 1, their power, and what the contacts do in them.
+        """Motions of Farkas' lemma with largest entry 1, power of the load in them, and "pulls off", "slips" or "tips".
 
-        ``slippery`` (c,) are the contacts that may slide; None: all.
+        ``slippery`` (c,) is the mask of contacts that may slide; None: all.
         """
         motion = prices / self.units
-        size = np.abs(motion).max(axis=1, initial=0.0, keepdims=True)
-        size = np.where(size > 0, size, 1.0)
-        motion, y, active = motion / size, prices / size, self.active[rows]
+        largest_entry = np.abs(motion).max(axis=1, initial=0.0, keepdims=True)
+        largest_entry = np.where(largest_entry > 0, largest_entry, 1.0)
+        motion = motion / largest_entry
+        y = prices / largest_entry
+        active = self.active[rows]
         velocities = np.einsum("nmck,nm->nck", self.maps[rows], y)
         power = -(y * self.load[rows]).sum(axis=1)
-        rise = (velocities * self.cones.normals).sum(axis=-1)
-        slide = np.linalg.norm(velocities - rise[..., None] * self.cones.normals, axis=-1)
-        small = _REST_SPEED_SHARE * np.abs(velocities).max(axis=(1, 2), initial=0.0)[:, None]
-        along_cone = (slide > small) & (rise - self.cones.friction * slide < small) & active
+        rise_speed = (velocities * self.cones.normals).sum(axis=-1)
+        slide_speed = np.linalg.norm(velocities - rise_speed[..., None] * self.cones.normals, axis=-1)
+        rest_speed = _REST_SPEED_SHARE * np.abs(velocities).max(axis=(1, 2), initial=0.0)[:, None]
+        is_along_cone = rise_speed - self.cones.friction * slide_speed < rest_speed
+        slides = (slide_speed > rest_speed) & is_along_cone & active
         if slippery is not None:
-            along_cone &= slippery
+            slides &= slippery
         preloaded = np.array([c.pull > 0 for c in self.contacts])
-        leaves = (rise > small) & preloaded & active & ~along_cone
-        slips, pulls = along_cone.any(axis=1), leaves.any(axis=1)
-        return motion, power, np.where(pulls, "pulls off", np.where(slips, "slips", "tips"))
+        leaves = (rise_speed > rest_speed) & preloaded & active & ~slides
+        how = np.where(slides.any(axis=1), "slips", "tips")
+        how = np.where(leaves.any(axis=1), "pulls off", how)
+        return motion, power, how
 
 
 def exceeding(torques: Array, limits: Array) -> Array:
     """True for rows of torques (n, nv) above their limits; False where they are NaN."""
-    return np.asarray(((np.abs(torques) > limits + margin(limits)) & (limits > 0)).any(axis=1))
+    is_above = np.abs(torques) > limits + margin(limits)
+    has_limit = limits > 0
+    return np.asarray((is_above & has_limit).any(axis=1))
 
 
 class LimitedBalance:
-    """Torques τ - Σ J_i' f_i of some rows of a balance as shares of their limits, as bounds of the forces."""
+    """Limits of the torques τ - Σ J_i' f_i of some rows of a balance, as bounds of the forces f_i."""
 
     def __init__(self, balance: Balance, maps: Array, tau: Array, limits: Array, rows: Array) -> None:
-        limited = np.isfinite(limits) & (limits > 0)
-        own_limits = np.broadcast_to(limits[limited], (len(rows), limited.sum()))
+        has_limit = np.isfinite(limits) & (limits > 0)
+        own_limits = np.broadcast_to(limits[has_limit], (len(rows), has_limit.sum()))
         load = np.einsum("nvck,nck->nv", maps[rows], balance.preload[rows]) - tau[rows]
-        self.G, self.load = maps[rows][:, limited] / own_limits[..., None, None], load[:, limited] / own_limits
-        self.pushes = balance.bounds.of(rows)
+        self.G = maps[rows][:, has_limit] / own_limits[..., None, None]  # torques as shares of the limits
+        self.load = load[:, has_limit] / own_limits
+        self.push_bounds = balance.bounds.of(rows)
 
     @property
     def growing(self) -> ForceBounds:
         """Bounds that grow from zero with the share of the limits."""
-        one = np.ones_like(self.load)
-        return two_sided(self.G, self.load, 0.0 * one, one).concatenate(self.pushes)
+        ones = np.ones_like(self.load)
+        return two_sided(self.G, self.load, 0.0 * ones, ones).concatenate(self.push_bounds)
 
     def within(self, share: Array) -> ForceBounds:
-        """Bounds at shares (n,) of the limits."""
-        one = np.ones_like(self.load)
-        return two_sided(self.G, self.load, share[:, None] * one, 0.0 * one).concatenate(self.pushes)
+        """Fixed bounds at shares (n,) of the limits."""
+        ones = np.ones_like(self.load)
+        return two_sided(self.G, self.load, share[:, None] * ones, 0.0 * ones).concatenate(self.push_bounds)
 
 
 def _contact_mask(in_contact: ArrayLike, n: int, c: int) -> Array:
+    """Mask (n, c) of contacts that carry; one row stands for all n."""
     active = np.asarray(in_contact)
     if active.dtype != bool or active.shape not in ((n, c), (c,)):
         raise ShapeError(

@@ -15,25 +15,27 @@ if TYPE_CHECKING:
 def numpy_source(equations: Equations) -> str:
     """Text of the Python module."""
     names = ordered_names(equations)
-    values, symbols = equations.values, constants(equations)
+    values = equations.values
+    symbols = constants(equations)
     docstring = "\n".join(header(equations)).replace("\\", "").replace('"', "'")
     parts = [f'"""{docstring}\n"""\n\nimport numpy as np\n']
     all_have_values = values.keys() >= set(symbols)
     if all_have_values:
-        rows = [f"    {symbol.name!r}: {float(values[symbol])!r}," for symbol in symbols]
-        parts.append("\n".join(["PARAMETERS = {", *rows, "}\n"]))
+        entry_lines = [f"    {symbol.name!r}: {float(values[symbol])!r}," for symbol in symbols]
+        parts.append("\n".join(["PARAMETERS = {", *entry_lines, "}\n"]))
     else:
-        items = ", ".join(f"{symbol.name!r}: …" for symbol in symbols)
-        parts.append(f"# parameters = {{{items}}}\n")
+        entries_text = ", ".join(f"{symbol.name!r}: …" for symbol in symbols)
+        parts.append(f"# parameters = {{{entries_text}}}\n")
     parts += [_numpy_function(equations, routine(equations, name, names)) for name in FUNCTIONS]
     return "\n".join(parts)
 
 
 def _numpy_function(equations: Equations, function: Routine) -> str:
-    """Text of one function: reads its arrays, evaluates intermediate results, and fills the array of results."""
-    arrays, letter, axes, meaning = FUNCTIONS[function.name]
-    n, symbols = len(equations.q), constants(equations)
-    result_shape = ", ".join([str(n)] * axes)
+    """Text of one function, which reads its arrays, evaluates intermediate results, and fills the array of results."""
+    arrays, result_name, axis_count, meaning = FUNCTIONS[function.name]
+    n = len(equations.q)
+    symbols = constants(equations)
+    result_shape = ", ".join([str(n)] * axis_count)
     default = "=PARAMETERS" if len(symbols) == len(equations.parameters) else ""
     input_shapes, batch_shapes = [], []
     for array in arrays:
@@ -47,26 +49,26 @@ def _numpy_function(equations: Equations, function: Routine) -> str:
         f'    """{meaning}; {", ".join(input_shapes)} -> (..., {result_shape})."""',
         f"    {targets} = (np.asarray(x, float) for x in ({', '.join(arrays)},))",
     ]
-    for name in arrays:
-        message = f'f"{name} has shape {{{name}.shape}}, wanted (..., {n})"'
-        lines += [f"    if {name}.shape[-1:] != ({n},):", f"        raise ValueError({message})"]
+    for array in arrays:
+        message = f'f"{array} has shape {{{array}.shape}}, wanted (..., {n})"'
+        lines += [f"    if {array}.shape[-1:] != ({n},):", f"        raise ValueError({message})"]
     for array, index, name in function.inputs:
-        if array == "p":
+        if array == "p":  # a parameter
             lines.append(f"    {name} = parameters[{symbols[index].name!r}]")
         else:
             lines.append(f"    {name} = {array}[..., {index}]")
     for name, expr in function.lines:
-        lines.append(f"    {name} = {expression_text(expr, _NUMPY)}")
-    lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({', '.join(batch_shapes)}), {result_shape}))")
-    for indices, expr in zip(np.ndindex((n,) * axes), function.results, strict=True):
-        if expr != 0:
+        lines.append(f"    {name} = {expression_text(expr, _NUMPY_PATTERNS)}")
+    lines.append(f"    {result_name} = np.zeros((*np.broadcast_shapes({', '.join(batch_shapes)}), {result_shape}))")
+    for indices, expr in zip(np.ndindex((n,) * axis_count), function.results, strict=True):
+        if expr != 0:  # the array is filled with zeros already
             index_text = ", ".join(map(str, indices))
-            lines.append(f"    {letter}[..., {index_text}] = {expression_text(expr, _NUMPY)}")
-    lines.append(f"    return {letter}\n")
+            lines.append(f"    {result_name}[..., {index_text}] = {expression_text(expr, _NUMPY_PATTERNS)}")
+    lines.append(f"    return {result_name}\n")
     return "\n".join(lines)
 
 
-_NUMPY = {
+_NUMPY_PATTERNS = {
     "sin": "np.sin({})", "cos": "np.cos({})", "tan": "np.tan({})",
     "sinh": "np.sinh({})", "cosh": "np.cosh({})", "tanh": "np.tanh({})",
     "exp": "np.exp({})", "log": "np.log({})", "sqrt": "np.sqrt({})", "sign": "np.sign({})",
@@ -76,3 +78,4 @@ _NUMPY = {
     "Abs": "np.abs({})",
     "pow": "np.power({}, {})",
 }  # fmt: skip
+"""NumPy's spelling of each function of SymPy."""

@@ -15,6 +15,7 @@ from ..mechanics.model.model import BASE, Body, Model
 from .names import names_of, shortest
 
 _AXES = "xyz"
+"""Letters of the coordinate axes 0, 1 and 2."""
 _LENGTH_TOLERANCE = 1e-12
 """Relative difference of lengths that count as equal: a centre of mass is a quotient, with a rounding error."""
 _ROUNDING_SHARE = 1e-14
@@ -40,7 +41,9 @@ class Entry:
     """Number of the model: ``sign * parameter`` in the equations, or the plain value without a parameter."""
 
     value: float
+    """Value with its sign, in SI units."""
     parameter: Parameter | None = None
+    """Parameter of the same size; None for a plain number."""
 
     @property
     def sign(self) -> int:
@@ -58,7 +61,7 @@ class BodyEntries:
     """Numbers of one body and of the joint that carries it."""
 
     tag: str
-    """Suffix of its symbols: its number, or r1 for the rotor of joint 1."""
+    """Suffix of the body's symbols: its number, or r1 for the rotor of joint 1."""
     place: Entries
     """Position of the joint in the parent's frame."""
     point: Entries
@@ -71,7 +74,7 @@ class BodyEntries:
     inertia: tuple[Entries, ...]
     """Rotational inertia about the centre of mass."""
     ratio: Entry
-    """Ratio of its joint's rate to the rate of the coordinate; a symbol for a gear."""
+    """Ratio of the joint's rate to the rate of its coordinate; a symbol for a gear."""
 
 
 @dataclass(frozen=True)
@@ -98,14 +101,14 @@ class Namer:
     def entries(self) -> ModelEntries:
         """Numbers of the model, with names where they have one."""
         bodies = self.model.bodies
-        lengths_of_bodies = {i: self._lengths(i) for i in range(BASE, len(bodies))}  # BASE is -1
+        lengths_of_bodies = {i: self._lengths(i) for i in range(BASE, len(bodies))}  # from the base, which is -1
         body_entries = []
         for i, body in enumerate(bodies):
             body_entries.append(self._body(i, body, lengths_of_bodies))
         gravity = []
-        has_several = np.count_nonzero(self.model.gravity) > 1
+        is_inclined = np.count_nonzero(self.model.gravity) > 1
         for axis, value in zip(_AXES, self.model.gravity, strict=True):
-            name = f"g_{axis}" if has_several else "g"
+            name = f"g_{axis}" if is_inclined else "g"
             gravity.append(self._named_entry(name, value, "gravity", "gravity [m/s²]"))
         springs = []
         for number, spring in enumerate(self.model.springs, 1):
@@ -118,6 +121,7 @@ class Namer:
         )
 
     def _armature(self) -> Entries:
+        """Drive inertia of each velocity, with a symbol unless it is zero."""
         refuse_couplings(self.model, "derivation of equations of motion")
         armature = [Entry(0.0)] * self.model.nv
         for number, body in enumerate(self.model.leaders, 1):
@@ -152,25 +156,30 @@ class Namer:
     def _lengths(self, i: int) -> dict[tuple[int, float], Parameter]:
         """Symbols of lengths of body i, by coordinate axis and size of the displacement, for its joints and its tip."""
         if i == BASE:
-            com, where, tag = np.zeros(3), "in the base", "0"
+            com = np.zeros(3)
+            frame_words = "in the base"
+            tag = "0"
         else:
             body = self.model.bodies[i]
-            _, where = self._massive_link(body)
-            com, tag = body.inertia.com, self.tags[i]
-        first_child: dict[tuple[int, float], str] = {}  # with a displacement of this axis and size
+            com = body.inertia.com
+            _, frame_words = self._massive_link(body)
+            tag = self.tags[i]
+        child_by_length: dict[tuple[int, float], str] = {}  # first child with a displacement of this axis and size
         for child, position in self._child_positions(i):
             for axis, x in enumerate(position):
-                if x and not any(_is_length(axis, x, length) for length in first_child):
-                    first_child[axis, shortest(abs(x))] = child
+                is_known = any(_is_length(axis, x, length) for length in child_by_length)
+                if x and not is_known:
+                    child_by_length[axis, shortest(abs(x))] = child
         lengths: dict[tuple[int, float], Parameter] = {}
-        for (axis, size), child in first_child.items():
+        for (axis, size), child in child_by_length.items():
             name = f"L_{tag}"
-            if len(first_child) > 1:
+            if len(child_by_length) > 1:
                 name += _AXES[axis]
             earlier_lengths = [length for length in lengths if length[0] == axis]
             if earlier_lengths:
                 name += f"_{len(earlier_lengths) + 1}"
-            kinds, meaning = ["lengths"], f"{_AXES[axis]} of {child} {where}"
+            kinds = ["lengths"]
+            meaning = f"{_AXES[axis]} of {child} {frame_words}"
             if _is_length(axis, com[axis], (axis, size)):
                 kinds.append("coms")
                 meaning += ", and of its centre of mass"
@@ -178,7 +187,7 @@ class Namer:
         return lengths
 
     def _child_positions(self, i: int) -> list[tuple[str, Array]]:
-        """Joints on body i and its tip, in words, with their positions (3,) in the body's frame."""
+        """Words for each joint on body i and for the tip on it, with its position (3,) in the body's frame."""
         bodies = [body for body in self.model.bodies if body.parent == i]
         children = [(f"joint {body.joint.name}", body.placement[:3, 3]) for body in bodies]
         tip = self.model.all_frames.get(self.model.tip or "")
@@ -192,12 +201,12 @@ class Namer:
         If a single other link of the body has mass, as in a robot from a DH table, the words name the joint: the user never
         named the body's frame.
         """
-        G, frames = self.model.link_inertias, self.model.frames
+        inertias = self.model.link_inertias
         index = self.model.bodies.index(body)
         massive_links = []
-        for name, frame in frames.items():
-            if frame.body == index and name in G and G[name].parameters.any():
-                massive_links.append(name)
+        for link, frame in self.model.frames.items():
+            if frame.body == index and link in inertias and inertias[link].parameters.any():
+                massive_links.append(link)
         if body.link in massive_links or len(massive_links) != 1:
             return body.link, f"in {body.link}"
         return massive_links[0], f"from joint {body.joint.name}"
@@ -207,7 +216,7 @@ class Namer:
     ) -> BodyEntries:
         """Numbers of body i; its parameters are added in the order mass, centre of mass, axis, inertia, ratio."""
         tag = self.tags[i]
-        link, where = self._massive_link(body)
+        link, frame_words = self._massive_link(body)
         G = body.inertia
         mass = self._named_entry(f"m_{tag}", shortest(G.mass), "masses", f"mass of {link} [kg]")
         parent_lengths = lengths_of_bodies[body.parent]
@@ -217,11 +226,11 @@ class Namer:
         for axis, x in enumerate(G.com):
             rounded = 0.0 if abs(x) <= _ROUNDING_SHARE * largest else shortest(x, largest)
             com.append(_with_length(axis, rounded, lengths_of_bodies[i]))
-        frame = link if link == body.link else f"{link} {where}"
+        link_and_frame = link if link == body.link else f"{link} {frame_words}"
         unnamed_axes = [axis for axis, entry in enumerate(com) if entry.value and entry.parameter is None]
         for axis in unnamed_axes:
             name = f"r_{tag}{_AXES[axis]}" if len(unnamed_axes) > 1 else f"r_{tag}"
-            meaning = f"{_AXES[axis]} of the centre of mass of {frame} [m]"
+            meaning = f"{_AXES[axis]} of the centre of mass of {link_and_frame} [m]"
             com[axis] = self._named_entry(name, com[axis].value, "coms", meaning)
         point, pitch = self._axis(tag, body)
         inertia = self._inertia(tag, body)
@@ -241,13 +250,14 @@ class Namer:
         if body.joint.nv > 1 or not body.joint.axes[0, :3].any():
             return (Entry(0.0),) * 3, Entry(0.0)
         w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
-        position, pitch = np.cross(w, v) / (w @ w), float(w @ v / (w @ w))
+        position = np.cross(w, v) / (w @ w)
+        pitch = float(w @ v / (w @ w))
         is_rounding_error = np.abs(position) <= _ROUNDING_SHARE * np.abs(position).max()
         position = np.where(is_rounding_error, 0.0, [shortest(x) for x in position])
-        has_several = np.count_nonzero(position) > 1
+        needs_letters = np.count_nonzero(position) > 1
         entries = []
         for axis, value in zip(_AXES, position, strict=True):
-            name = f"a_{tag}{axis}" if has_several else f"a_{tag}"
+            name = f"a_{tag}{axis}" if needs_letters else f"a_{tag}"
             meaning = f"{axis} of the axis of {body.joint.name} in {body.link} [m]"
             entries.append(self._named_entry(name, value, "lengths", meaning))
         point = tuple(entries)
@@ -264,25 +274,27 @@ class Namer:
         link, _ = self._massive_link(body)
         for row in range(3):
             for column in range(row, 3):
-                value = shortest(I[row, column], scale)  # the parallel-axis term leaves a rounding error
+                value = shortest(I[row, column], scale)  # without the rounding error of the parallel-axis term
                 if abs(value) > _ROUNDING_SHARE * scale:
                     axes = _AXES[row] + _AXES[column]
                     meaning = f"rotational inertia {axes} of {link} about its centre of mass [kg m²]"
                     # Products of inertia keep their sign, as in the matrix.
                     parameter = self._new(f"I_{tag}{axes}", value, ["inertias"], meaning, signed=True)
-                    entries[row][column] = entries[column][row] = Entry(value, parameter)
+                    entry = Entry(value, parameter)
+                    entries[row][column] = entry
+                    entries[column][row] = entry
         return tuple(map(tuple, entries))
 
 
 def _driven_joint(model: Model, rotor: Body) -> str:
-    """Joint driven by a rotor."""
+    """Name of the joint that a rotor drives."""
     name = rotor.joint.name
     actuator = model.actuators.get(name)
     return name.removesuffix(".rotor") if actuator is None else actuator.joint
 
 
 def _tags(model: Model) -> list[str]:
-    """Suffixes of the symbols of bodies: their number; for a rotor, r and the number of the driven joint."""
+    """Suffix of the symbols of each body: its number; for a rotor, r and the number of the driven joint."""
     numbers = {body.joint.name: number for number, body in enumerate(model.leaders, 1)}
     tags: list[str] = []
     for i, body in enumerate(model.bodies, 1):
@@ -303,7 +315,7 @@ def _is_length(axis: int, x: Any, length: tuple[int, float]) -> bool:
 
 
 def _with_length(axis: int, x: Any, lengths: dict[tuple[int, float], Parameter]) -> Entry:
-    """Entry of a displacement x along an axis, with the symbol of the length of the same size, if there is one."""
+    """Entry of a displacement x along an axis, with the symbol of the length of equal axis and size if there is one."""
     for length, parameter in lengths.items():
         if x and _is_length(axis, x, length):
             return Entry(shortest(x), parameter)
@@ -315,7 +327,7 @@ KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
 
 
 def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEntries:
-    """Numbers of the model, with symbols for those selected by ``symbols``: kinds, names, ``"all"`` or ``"none"``.
+    """Numbers of the model, with the parameters that ``symbols`` selects: kinds, names, ``"all"`` or ``"none"``.
 
     Raises UnknownNameError for other words.
     """

@@ -28,9 +28,9 @@ _MAX_MESSAGE_LENGTH = 200
 
 
 def _file_of(robot: Robot, library: str, kind: str) -> Path:
-    """Path of the robot's file, which must be of a kind: urdf or mjcf.
+    """Path of the robot's file, which must be of ``kind`` "urdf" or "mjcf".
 
-    Raises NotFoundError without a file, and RobotFileError if it is of another kind.
+    Raises NotFoundError without a file, and RobotFileError for a file of another kind.
     """
     path = Path(robot.model.source)
     if not robot.model.source or not path.is_file():
@@ -49,7 +49,7 @@ def _is_xacro(path: Path) -> bool:
     """True for a file that requires xacro."""
     if usd_path(path) is not None:
         return False
-    text = read_robot_text(path)[0]
+    text, _ = read_robot_text(path)
     return bool(xacro_in(text))
 
 
@@ -80,7 +80,7 @@ def file_gap(robot: Robot) -> float:
     for body, file_body in zip(model.bodies, file_model.bodies, strict=True):
         gaps.append(float(np.abs(body.placement - file_body.placement).max()))
         parameters = file_body.inertia.parameters
-        size = np.abs(parameters).max() or 1.0
+        size = np.abs(parameters).max() or 1.0  # 1 for a body without inertia
         gaps.append(float(np.abs(body.inertia.parameters - parameters).max() / size))
     if max(gaps) > _MAX_GAP_OF_ROUNDING:
         raise ModelError("numbers differ from those of the file: a payload is carried, or inertias were repaired.")
@@ -118,13 +118,14 @@ def _mujoco(robot: Robot) -> Residual:
     except ImportError:
         raise MissingExtraError.from_extra("mujoco", "peers", "Comparing with MuJoCo") from None
     model = _read_by("MuJoCo", path, lambda: mujoco.MjModel.from_xml_path(str(path)))
-    unchanged_flags = ("mjDSBL_GRAVITY", "mjDSBL_EULERDAMP", "mjDSBL_SPRING")
+    kept_flags = ("mjDSBL_GRAVITY", "mjDSBL_EULERDAMP", "mjDSBL_SPRING")
     for name, flag in mujoco.mjtDisableBit.__members__.items():  # contacts, limits and friction are not compared
-        if name not in unchanged_flags:
+        if name not in kept_flags:
             model.opt.disableflags |= int(flag.value)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     model.opt.gravity[:] = robot.gravity
-    model.opt.density = model.opt.viscosity = 0.0  # the file reader warns of fluids
+    model.opt.density = 0.0  # no fluid; the file reader warns of fluids
+    model.opt.viscosity = 0.0
     data = mujoco.MjData(model)
     M = np.zeros((model.nv, model.nv))  # filled at each state
     mujoco_rates(robot, model, robot.neutral)  # raises if the joints do not match
@@ -148,7 +149,7 @@ def _read_by(library: str, path: Path, read: Callable[[], Any]) -> Any:
     with capture_stderr() as error_text:
         try:
             return read()
-        except Exception as raised:  # any exception of its parsers
+        except Exception as raised:  # parsers raise exceptions of any kind
             problem = raised
     message = " ".join(str(problem).split())[:_MAX_MESSAGE_LENGTH]
     if str(error_text):
@@ -156,5 +157,5 @@ def _read_by(library: str, path: Path, read: Callable[[], Any]) -> Any:
     raise RobotFileError(f"{library} does not read {path.name}: {message}")
 
 
-# Names of the libraries, and the functions that prepare their residuals for a robot.
 PEERS: tuple[tuple[str, Callable[[Robot], Residual]], ...] = (("Pinocchio", _pinocchio), ("MuJoCo", _mujoco))
+"""Name of each library, and function that prepares its residual for a robot."""

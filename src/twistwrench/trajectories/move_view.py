@@ -27,6 +27,8 @@ _MAX_LISTED_CONTACTS = 12
 """Maximum number of listed parts of the motion with an active limit."""
 _MAX_LISTED_VIOLATIONS = 6
 """Maximum number of listed exceeded limits."""
+_MAX_ROWS = 12
+"""Maximum number of rows of the table of joints in a short answer."""
 _TIME_BAR_WIDTH = 24
 """Characters of a bar over the duration of the motion."""
 
@@ -67,15 +69,15 @@ def _headline(report: MoveReport, trajectory: Trajectory) -> Headline:
     if unlisted_violations > 0:
         sentences.append((None, f"and {unlisted_violations} more"))
     if not report.violations:
-        within = _within_limits_text(report, trajectory)
+        text = _within_limits_text(report, trajectory)
         if report.early_end:
-            sentences.append((None, f"Until there: {within}."))
+            sentences.append((None, f"Until there: {text}."))
         elif report.near is not None:
-            sentences.append((None, f"{within[0].upper()}{within[1:]}."))
+            sentences.append((None, f"{text[0].upper()}{text[1:]}."))
         elif report.doubts:
-            sentences.append((Word.UNSURE, f"{within}."))
+            sentences.append((Word.UNSURE, f"{text}."))
         else:
-            sentences.append((Word.OK, f"{within}."))
+            sentences.append((Word.OK, f"{text}."))
     lines = [_sentence_line(word, sentence) for word, sentence in sentences]
     if report.near is not None:
         return Headline.from_verdict(report.near, further=lines)
@@ -84,41 +86,40 @@ def _headline(report: MoveReport, trajectory: Trajectory) -> Headline:
 
 
 def _sentence_line(word: Word | None, sentence: str) -> Line:
-    """Line of a sentence, after its verdict if it has one."""
+    """Line of a verdict and a sentence, or of the sentence alone."""
     if word is None:
         return Line(sentence)
     return Line((str(word), word_style(word)), f": {sentence}")
 
 
 def _within_limits_text(report: MoveReport, trajectory: Trajectory) -> str:
-    """Sentence on a motion within the limits that are known, with its doubts or its assumptions."""
-    within = "within all limits"
-    if _missing_velocity_limits(trajectory, report.limits) or np.isinf(report.limits.effort).any():
-        within = "within the known limits"
+    """Sentence, without a period, on a motion that keeps the known limits, with its doubts or its assumptions."""
+    lacks_limits = _missing_velocity_limits(trajectory, report.limits) or np.isinf(report.limits.effort).any()
+    text = "within the known limits" if lacks_limits else "within all limits"
     if isinstance(trajectory, Fastest):
         if trajectory.time_optimal is None:
-            within += ", the fastest timing on this path"
+            text += ", the fastest timing on this path"
         else:
-            within += f"; {trajectory.price_of_jerk}"
+            text += f"; {trajectory.price_of_jerk}"
     if report.doubts:
-        return "; ".join([*report.doubts, f"otherwise {within}"])
-    return f"{number(trajectory.duration, 6)} s, {within}{report.assumed}"
+        return "; ".join([*report.doubts, f"otherwise {text}"])
+    return f"{number(trajectory.duration, 6)} s, {text}{report.assumed}"
 
 
 def _lines_on_limits_of_files(report: MoveReport) -> Iterator[Block]:
-    """Lines on acceleration and jerk limits that were not given as one number."""
+    """Lines on acceleration and jerk limits from files, which are limits that no option gave as one number."""
     source = "the robot's file"
     if report.limits_file:
         source += f" and {report.limits_file}"
     limits_by_kind = {"acceleration": report.limits.acceleration, "jerk": report.limits.jerk}
     for kind, limits in limits_by_kind.items():
-        limited_joints = int(np.isfinite(limits).sum())
-        if limited_joints and kind not in report.asked:
-            yield f"{kind.capitalize()} limits of {limited_joints} of {len(limits)} joints are from {source}."
+        limited_joint_count = int(np.isfinite(limits).sum())
+        if limited_joint_count and kind not in report.asked:
+            yield f"{kind.capitalize()} limits of {limited_joint_count} of {len(limits)} joints are from {source}."
 
 
 def _missing_velocity_limits(trajectory: Trajectory, limits: Limits) -> list[str]:
-    """Sentence on the joints without a velocity limit; no element if all have one."""
+    """Sentence on the joints without a velocity limit, as a list; empty if all have one."""
     names = np.array(trajectory.robot.model.velocity_names)
     unlimited = names[~np.isfinite(limits.velocity)]
     if not len(unlimited):
@@ -133,11 +134,14 @@ def _missing_velocity_limits(trajectory: Trajectory, limits: Limits) -> list[str
 
 def _tables(report: MoveReport, trajectory: Trajectory) -> Iterator[Block]:
     """Heading, one row per joint, and the active limits of the fastest motion over time."""
-    robot, uses, degrees = report.robot, report.uses, report.degrees
+    robot = report.robot
+    uses = report.uses
     payload_masses = " and ".join(f"{number(payload.mass)} kg" for payload in report.load.payloads)
-    turning = np.array(drive_turns(robot.model))
-    factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
-    way_unit, speed_unit, force_unit = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "tau"))
+    is_angular = np.array(drive_turns(robot.model))
+    factor = np.where(is_angular & report.degrees, math.degrees(1.0), 1.0)
+    distance_unit = heading_unit("q", is_angular, degrees=report.degrees)
+    speed_unit = heading_unit("dq", is_angular, degrees=report.degrees)
+    torque_unit = heading_unit("tau", is_angular, degrees=report.degrees)
     # Shares of unknown limits are NaN; 0 stands in if both are.
     largest_shares = [np.nanmax([use.velocity_share, use.torque_share, 0.0]).item() for use in uses]
     limit_times = None
@@ -154,15 +158,15 @@ def _tables(report: MoveReport, trajectory: Trajectory) -> Iterator[Block]:
     yield Table(
         "",
         words("joint", [use.joint for use in uses]),
-        numbers("way", [use.way for use in uses] * factor, _three_decimals, way_unit),
+        numbers("way", [use.way for use in uses] * factor, _three_decimals, distance_unit),
         numbers("peak", [use.velocity for use in uses] * factor, _three_decimals, speed_unit),
         numbers("share", [use.velocity_share for use in uses], percent_of_limit),
-        numbers("peak", [use.peak for use in uses], torque, force_unit),
+        numbers("peak", [use.peak for use in uses], torque, torque_unit),
         numbers("share", [use.torque_share for use in uses], percent_of_limit),
         limit_times,
         words("", map(Bar, largest_shares), fold=False),
         styles=[strong(Style.OVER) if over_limit(share) else "" for share in largest_shares],
-        most=12,
+        most=_MAX_ROWS,
         by=largest_shares,
     )
     if timeline is not None:
@@ -178,13 +182,13 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
     contacts = trajectory.limit_contacts
     longest_first = sorted(contacts, key=lambda contact: contact.begin - contact.end)
     shown = sorted(longest_first[:_MAX_LISTED_CONTACTS], key=lambda contact: contact.begin)
-    sides = ["+" if contact.side > 0 else "-" for contact in shown]
+    signs = ["+" if contact.side > 0 else "-" for contact in shown]  # side of the limit
     yield Table(
         "What limits it when",
         numbers("from", [contact.begin for contact in shown], lambda t: seconds(t, 4), "s"),
         numbers("to", [contact.end for contact in shown], lambda t: seconds(t, 4), "s"),
         words("joint", [contact.joint for contact in shown], fold=False),
-        words("limit", [f"{side} {contact.kind}" for side, contact in zip(sides, shown, strict=True)], fold=False),
+        words("limit", [f"{sign} {contact.kind}" for sign, contact in zip(signs, shown, strict=True)], fold=False),
         words("", [_time_bar(contact, trajectory.duration) for contact in shown], fold=False),
     )
     remaining = len(contacts) - len(shown)
@@ -193,16 +197,16 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
 
 
 def _time_bar(contact: LimitContact, duration: float) -> Glyphs:
-    """Bar for the duration, filled while a limit is active, with at least one filled character."""
+    """Bar over the duration of the motion, filled while a limit is active, with at least one filled character."""
     begin = round(_TIME_BAR_WIDTH * contact.begin / duration)
     end = round(_TIME_BAR_WIDTH * contact.end / duration)
-    last = min(max(end, begin + 1), _TIME_BAR_WIDTH)
-    first = min(begin, _TIME_BAR_WIDTH - 1)
-    return Glyphs("·" * first + "█" * (last - first) + "·" * (_TIME_BAR_WIDTH - last), Style.POINTED)
+    end = min(max(end, begin + 1), _TIME_BAR_WIDTH)
+    begin = min(begin, _TIME_BAR_WIDTH - 1)
+    return Glyphs("·" * begin + "█" * (end - begin) + "·" * (_TIME_BAR_WIDTH - end), Style.POINTED)
 
 
 def worst_moment(report: MoveReport, trajectory: Trajectory) -> tuple[Array, MarkedJoint, str]:
-    """Configuration in which a joint is nearest to a torque or velocity limit, the joint, and a title."""
+    """Configuration in which a joint is nearest to a torque or velocity limit, this joint, and a title of the picture."""
     robot, limits = trajectory.robot, report.limits
     t = np.linspace(0.0, trajectory.duration, SAMPLES)
     q, dq, ddq = trajectory(t)
@@ -211,6 +215,7 @@ def worst_moment(report: MoveReport, trajectory: Trajectory) -> tuple[Array, Mar
     velocity_limits = np.where(coupled_entries(robot.model), np.inf, limits.velocity)
     shares = np.maximum(np.abs(tau) / limits.effort, np.abs(dq) / velocity_limits)
     row, k = np.unravel_index(int(np.argmax(shares)), shares.shape)
-    share, joint = float(shares[row, k]), report.uses[k].joint
-    marked = MarkedJoint(joint, f"{joint}, {percent_of_limit(share)} of a limit", mark_style(share))
-    return q[row], marked, f"{robot.name} at t = {seconds(t[row])} s"
+    share = float(shares[row, k])
+    joint = report.uses[k].joint
+    marked_joint = MarkedJoint(joint, f"{joint}, {percent_of_limit(share)} of a limit", mark_style(share))
+    return q[row], marked_joint, f"{robot.name} at t = {seconds(t[row])} s"

@@ -63,8 +63,9 @@ def pictures_of(answer: Answer) -> Iterable[Picture]:
     """Pictures of the page of an answer: by default its usual plot; none without matplotlib."""
     if find_spec("matplotlib") is None:
         return []
-    usual_plot = [*plots_of(answer).items()][:1]  # empty without plots
-    return [plot_picture(kind, plot) for kind, plot in usual_plot]
+    for kind, plot in plots_of(answer).items():
+        return [plot_picture(kind, plot)]  # the first one is the usual plot
+    return []
 
 
 @singledispatch
@@ -75,7 +76,7 @@ def viewer_of(answer: Answer) -> Viewer | None:
 
 
 def _if_small(viewer: Viewer) -> Viewer | None:
-    """The viewer itself; None if its page is too long to be part of another page."""
+    """Return the viewer; None if its page is too long to be part of another page."""
     return viewer if len(viewer.page) < LARGEST_VIEWER else None
 
 
@@ -87,24 +88,26 @@ def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> An
     return plot_one_of(plots_of(answer), answer, kind, path)
 
 
-def plot_one_of(known: Mapping[str, Plot], answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
-    """Draw one of the known plots of an answer into a file, or as a figure without a path; see :func:`plot`."""
-    if not known:
+def plot_one_of(plots: Mapping[str, Plot], answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
+    """Draw one of the ``plots`` of an answer into a file, or as a figure without a path; see :func:`plot`."""
+    if not plots:
         raise ValueRangeError(f"a {type(answer).__name__} has no picture. Its tables: {', '.join(answer.tables)}.")
-    if path is None and kind is not None and (not isinstance(kind, str) or Path(kind).suffix):
-        path = as_path(kind)  # a path alone
-        kind = None
-    if kind is not None and kind not in known:
-        raise UnknownNameError.from_choices("kind of plot", str(kind), known)
-    usual_kind = next(iter(known))
-    draw = known[str(kind) if kind else usual_kind]
+    if path is None and kind is not None:
+        is_path = not isinstance(kind, str) or Path(kind).suffix != ""
+        if is_path:
+            path = as_path(kind)
+            kind = None
+    if kind is not None and kind not in plots:
+        raise UnknownNameError.from_choices("kind of plot", str(kind), plots)
+    usual_kind = next(iter(plots))
+    draw = plots[str(kind) if kind else usual_kind]
     if path is not None:
         target = picture_path(path)
         draw(target)
         return Path(target)
-    shown = style.ShownFigure()
-    draw(shown)
-    return shown.figure
+    shown_figure = style.ShownFigure()
+    draw(shown_figure)
+    return shown_figure.figure
 
 
 @plots_of.register
@@ -125,11 +128,12 @@ def _(answer: SimulationResult) -> Iterable[Picture]:
 
 @viewer_of.register
 def _(answer: SimulationResult) -> Viewer | None:
-    """Robot that follows the motion; without the motion if other forces than the motors' act on it."""
+    """Robot that follows the motion, or stands still if forces other than the motors' act on it."""
     robot = answer.simulated
     if robot is None or robot.model.couplings:
         return None
-    if robot.constraints or any(answer.work[force].any() for force in ("wrenches", "contacts")):
+    has_other_forces = any(answer.work[force].any() for force in ("wrenches", "contacts"))
+    if robot.constraints or has_other_forces:
         return _if_small(page.viewer_page(robot, q=answer.q[0], embed=True))
     motion = motion_of(LoadCase(robot, friction=answer.friction), answer.motion)
     return _if_small(page.viewer_page(robot, motion=replace(motion, judged=False), embed=True))
@@ -167,7 +171,8 @@ def _(answer: DoctorReport) -> Iterable[Picture]:
     pictures = []
     if scene.robot.nv:
         title = str(answer.robot)
-        if any(finding.where.startswith("link") for finding in answer.findings):
+        has_coloured_links = any(finding.where.startswith("link") for finding in answer.findings)
+        if has_coloured_links:
             title += ", links in the colours of their findings: red error, amber warning, grey note"
         pictures.append(robot_picture(scene.robot, None, None, title, scene))
     return pictures + [plot_picture("Inertia before and after", plot) for plot in plots_of(answer).values()]
@@ -199,7 +204,7 @@ def _(answer: TorqueReport) -> Mapping[str, Plot]:
 
 
 def _held_plots(answer: TorqueReport) -> Mapping[str, tuple[str, Plot]]:
-    """Titles and plots of what holds the robot and its payload, by kind."""
+    """Title and plot of each support of the robot or its payload: ground, foundation and grip, by kind."""
     held = answer.held
     plots: dict[str, tuple[str, Plot]] = {}
     if held.support is not None:
@@ -244,13 +249,13 @@ def worst_moment(report: TorqueReport) -> Picture:
     """Robot at the peak of the joint nearest to its limit, which is marked."""
     assert report.worst is not None
     joint = report.joints[report.worst]
-    states = report.around
+    states = report.around  # states around the peaks
     share_text = f"{percent_of_limit(joint.share)} of its limit" if math.isfinite(joint.limit) else "no limit"
     row = int(np.argmin(np.abs(states.time - joint.time)))
     q = states.q[row]
-    marked = MarkedJoint(joint.joint, f"{joint.joint}, {share_text}", mark_style(joint.share))
+    marked_joint = MarkedJoint(joint.joint, f"{joint.joint}, {share_text}", mark_style(joint.share))
     title = f"{report.robot} at t = {seconds(joint.time)} s"
-    return robot_picture(report.load.with_load, q, marked, title)
+    return robot_picture(report.load.with_load, q, marked_joint, title)
 
 
 @plots_of.register
@@ -262,9 +267,9 @@ def _(answer: PayloadReport) -> Mapping[str, Plot]:
 def _(answer: PayloadReport) -> Iterable[Picture]:
     if find_spec("matplotlib") is None:
         return []
-    joint = answer.limiting
-    marked = MarkedJoint(joint, f"{joint}, which limits the payload", Style.NEAR) if joint else None
-    pictures = [robot_picture(answer.robot, answer.q, marked, f"{answer.robot.name} in this pose")]
+    joint = answer.limiting  # None if no joint limits the payload
+    marked_joint = MarkedJoint(joint, f"{joint}, which limits the payload", Style.NEAR) if joint else None
+    pictures = [robot_picture(answer.robot, answer.q, marked_joint, f"{answer.robot.name} in this pose")]
     return pictures + [plot_picture("Forces and holding torques", plot) for plot in plots_of(answer).values()]
 
 
@@ -318,14 +323,14 @@ def _(answer: MoveReport) -> Viewer | None:
     if answer.trajectory is None or answer.load.robot.model.couplings:
         return None
     robot = Robot(replace(answer.load.robot.model, limits=answer.limits))
-    planned = motion_of(replace(answer.load, robot=robot), answer.trajectory.sample(answer.step))
-    return _if_small(page.viewer_page(robot, motion=replace(planned, clearance=answer.clearance), embed=True))
+    motion = motion_of(replace(answer.load, robot=robot), answer.trajectory.sample(answer.step))
+    return _if_small(page.viewer_page(robot, motion=replace(motion, clearance=answer.clearance), embed=True))
 
 
 @plots_of.register
 def _(answer: Identification) -> Mapping[str, Plot]:
-    left_out = ~answer.kept
-    draw = partial(plot_compensation, answer.log, answer.sensor, answer.noise, marked=left_out, mark="left out")
+    left_out_rows = ~answer.kept
+    draw = partial(plot_compensation, answer.log, answer.sensor, answer.noise, marked=left_out_rows, mark="left out")
     return {"Readings before and after": draw}
 
 

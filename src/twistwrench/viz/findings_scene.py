@@ -24,7 +24,7 @@ _STYLES = {"error": Style.OVER, "warning": Style.NEAR, "note": Style.QUIET}
 _WRITTEN_INERTIA: Colour = (0.84, 0.37, 0.0)
 """Colour of the ellipsoid of an inertia before its repair, as red, green, blue from 0 to 1."""
 _REPAIRED_INERTIA: Colour = (0.0, 0.45, 0.70)
-"""Colour of this ellipsoid after the repair."""
+"""Colour of the ellipsoid of a repaired inertia."""
 _MAX_NOTES = 40
 """Largest number of findings that the notes name."""
 
@@ -49,7 +49,7 @@ def findings_scene(report: DoctorReport) -> Scene:
 
 
 def _body_colours(report: DoctorReport) -> dict[int, Colour]:
-    """Colour of the worst finding on the links of each body; findings are ordered by severity."""
+    """Colour of the worst finding on the links of a body, by number of the body."""
     colours: dict[int, Colour] = {}
     for finding in report.findings:
         if not finding.where.startswith("link"):
@@ -57,11 +57,11 @@ def _body_colours(report: DoctorReport) -> dict[int, Colour]:
         for link, frame in report.contents.robot.model.frames.items():
             if f"{link!r}" in finding.where:
                 style = _STYLES[finding.severity]
-                colours.setdefault(frame.body, COLOURS[style].scene)  # the first finding is the worst
+                colours.setdefault(frame.body, COLOURS[style].scene)  # findings are sorted, worst first
     return colours
 
 
 def _inertia_shapes(frame: Frame, inertia: SpatialInertia, colour: Colour) -> list[Shape]:
-    """Ellipsoid of an inertia that is given in a frame; empty without mass."""
+    """Ellipsoid of an inertia in a frame, as a list; empty without mass."""
     pose = np.array(frame.pose)
     return [Shape(frame.body, solid, pose, colour, "inertia") for solid in equal_inertia_ellipsoid(inertia)]

@@ -57,10 +57,15 @@ _MAX_TRIANGLES = 300_000
 _HIDDEN_SHARE = 0.05
 """Share of the robot's size up to which ellipsoids, as of point masses, are hidden within joints and links."""
 _MAX_BOX_POSES = 12
-"""About the number of poses of a motion by which the space that the robot takes is computed."""
+"""Approximate number of poses of a motion from which the space that the robot takes is computed."""
+_MIN_SIZE_OF_SPACE = 0.75
+"""Smallest size of the view, relative to the diagonal of the space that the robot takes."""
+_MIN_EXTENT = 1e-12
+"""Extent of a flat surface across itself [m], so that zero does not divide."""
 _GRID_STEPS = 65535
 """Steps of the grid of vertices along each axis: the largest unsigned number of 16 bits."""
 _MAX_LISTED_LOOPS = 4
+"""Largest number of open loops that a note names."""
 KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 """NumPy's types of stored arrays, little-endian: floats of 4 and 8 bytes, unsigned integers of 2 and 4 bytes."""
 
@@ -174,7 +179,7 @@ def viewer_page(
         data["target"][2] = data["floor"]  # the payload hangs down after release
     data["notes"] = _notes(contents)
     data["subtitle"] = f"{_freedom_text(contents)}, {_motion_text(contents)}"
-    data["held"] = None if contents.held is None else contents.held[1]
+    data["held"] = contents.held_remark
     data["shown"], data["switches"] = _switches(data, contents.scene, contents.book)
     programs_script = programs.script()
     page_script = joined_script(script_names(data))
@@ -210,11 +215,14 @@ class _PageContents:
     payload: Payload | None = None
     """Payload of the motion that a slider sets."""
     book: SectionPanel | None = None
+    """Panel of a section of Modern Robotics; None for other pages."""
     q: Array | None = None
     """Requested initial configuration (nq,)."""
     loops: PageLoops | None = None
-    held: tuple[Array, str] | None = None
-    """Standing pose (nq,) of a robot whose file fixes the base in the air, and the remark about it."""
+    held_q: Array | None = None
+    """Standing pose (nq,) of a robot whose file fixes the base in the air; None for other robots."""
+    held_remark: str | None = None
+    """Remark about this pose; None without it."""
 
     def start(self, tip: str | None) -> Array:
         """Initial configuration (nq,)."""
@@ -222,8 +230,8 @@ class _PageContents:
             return self.loops.start
         if self.q is not None:
             return self.q
-        if self.held is not None:
-            return self.held[0]
+        if self.held_q is not None:
+            return self.held_q
         if self.motion is not None:
             return self.motion.q[0]
         return starting_pose(self.robot, tip)
@@ -248,7 +256,11 @@ def _contents_of(
         closed = cast("ConstrainedRobot", robot)
         robot = closed.open()
     robot = require_robot(robot, "page")
-    book, payload, loops, held = None, None, None, None
+    book: SectionPanel | None = None
+    payload: Payload | None = None
+    loops: PageLoops | None = None
+    held_q: Array | None = None
+    held_remark: str | None = None
     if section is not None:
         book = section_panel(section)
         if motion is not None or wrench_on_robot:
@@ -263,20 +275,24 @@ def _contents_of(
     if scene is None:
         scene = scene_of(robot)
     scene = scene.decimated(_MAX_TRIANGLES)
-    start = None
+    requested_q = None
     if q is not None:
-        start = arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
+        requested_q = arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     if closed is not None:
-        loops = loops_of(closed, start, actuated)
-    elif motion is None and book is None and start is None:
+        loops = loops_of(closed, requested_q, actuated)
+    elif motion is None and book is None and requested_q is None:
         loops = standing_of(robot, scene)
         held = held_pose(robot, scene)
-    return _PageContents(robot, scene, wrench_on_robot or {}, closed, motion, payload, book, start, loops, held)
+        if held is not None:
+            held_q, held_remark = held
+    wrenches = wrench_on_robot or {}
+    return _PageContents(robot, scene, wrenches, closed, motion, payload, book, requested_q, loops, held_q, held_remark)
 
 
 def _robot_data(contents: _PageContents, programs: PagePrograms, start: Array, store: _ArrayStore) -> dict[str, Any]:
     """Data of the page about the robot and what is shown with it; arrays go to the store."""
-    robot, scene, motion, book, loops = contents.robot, contents.scene, contents.motion, contents.book, contents.loops
+    robot, scene = contents.robot, contents.scene
+    motion, book, loops = contents.motion, contents.book, contents.loops
     data = robot_data(robot, start) | _scene_data(scene, store, start, motion)
     data |= wrench_data(robot, contents.wrenches)
     data |= programs.data()
@@ -285,7 +301,7 @@ def _robot_data(contents: _PageContents, programs: PagePrograms, start: Array, s
         data |= {"loops": loops.loops, "standing": loops.standing}
         if loops.standing is not None:
             data["floor"] = 0.0
-    data |= _tips_data(robot, scene, programs, weighed="mass" in data["programs"])
+    data |= _tips_data(robot, scene, programs, has_mass="mass" in data["programs"])
     data |= {"book": None, "python": python_source(robot, motion), "motion": None, "box": None, "layer": None}
     if book is not None:
         data["book"] = section_data(book, robot, start)
@@ -299,7 +315,7 @@ def _robot_data(contents: _PageContents, programs: PagePrograms, start: Array, s
 def _floor_data(contents: _PageContents, data: Mapping[str, Any]) -> dict[str, Any]:
     """Spheres around the links, which the floor stops, and the pedestal; no spheres if the robot cannot be let go."""
     spheres = []
-    can_fall = not data["fall"]["why"]  # a reason why not
+    can_fall = not data["fall"]["why"]  # no reason why it cannot
     if can_fall and contents.book is None:
         spheres = spheres_of(contents.scene)
     return {"spheres": spheres, "pedestal": pedestal_of(contents.scene, spheres, data["floor"])}
@@ -329,7 +345,7 @@ class ShownPage:
         self.text = text
 
     def _repr_html_(self) -> str:
-        """Sandboxed frame that runs the page's scripts."""
+        """HTML of a sandboxed frame that runs the page's scripts."""
         style = "width:100%;height:480px;border:0"
         return f'<iframe srcdoc="{html.escape(self.text)}" loading="lazy" sandbox="allow-scripts" style="{style}"></iframe>'
 
@@ -384,15 +400,15 @@ def open_browser(url: str) -> bool:
 
 
 class _ArrayStore:
-    """Buffer of concatenated arrays, each found by its offset; all begin at multiples of 8 bytes."""
+    """Buffer of concatenated arrays, which begin at multiples of 8 bytes."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
         self.size = 0
-        """Number of bytes."""
+        """Number of bytes of all parts."""
 
     def put(self, values: ArrayLike, kind: str) -> dict[str, Any]:
-        """Append an array of a kind in :data:`KINDS`; returns its header entry."""
+        """Append an array of a kind in :data:`KINDS`; returns its entry of the header: offset, count and kind."""
         array = np.ascontiguousarray(values, dtype=KINDS[kind]).ravel()
         entry = {"at": self.size, "count": int(array.size), "kind": kind}
         part = _padded(array.tobytes())
@@ -402,9 +418,9 @@ class _ArrayStore:
 
     def pack(self, header: Mapping[str, Any]) -> str:
         """Length of the header, header and arrays, compressed by zlib and encoded as base64."""
-        text = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
-        length = len(text).to_bytes(8, "little")
-        content = length + _padded(text) + b"".join(self.parts)
+        header_bytes = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
+        length = len(header_bytes).to_bytes(8, "little")
+        content = length + _padded(header_bytes) + b"".join(self.parts)
         return base64.b64encode(zlib.compress(content, 9)).decode("ascii")
 
 
@@ -415,7 +431,7 @@ def _padded(content: bytes) -> bytes:
 
 def _scene_data(scene: Scene, store: _ArrayStore, start: Array, motion: DrawnMotion | None) -> dict[str, Any]:
     """Surfaces and shapes of the scene, and the space that the robot takes on the motion."""
-    surfaces_by_id = {id(shape.surface): shape.surface for shape in scene.shapes}  # several shapes may share one
+    surfaces_by_id = {id(shape.surface): shape.surface for shape in scene.shapes}  # shapes may share a surface
     index_by_id = {key: k for k, key in enumerate(surfaces_by_id)}
     surfaces = [_surface_data(surface.creased(), store) for surface in surfaces_by_id.values()]
     shapes = [
@@ -436,34 +452,38 @@ def _scene_data(scene: Scene, store: _ArrayStore, start: Array, motion: DrawnMot
         "surfaces": surfaces,
         "shapes": shapes,
         "dressed": scene.dressed,
-        "size": max(scene.size, 0.75 * float(np.linalg.norm(high - low))),
+        "size": max(scene.size, _MIN_SIZE_OF_SPACE * float(np.linalg.norm(high - low))),
         "floor": float(low[2]),
         "target": ((low + high) / 2).tolist(),
     }
 
 
 def _surface_data(surface: Surface, store: _ArrayStore) -> dict[str, Any]:
-    """Vertices, rounded to a grid in the box of the surface, and triangles."""
+    """Vertices, rounded to a grid in the box of the surface, and triangles; the arrays go to the store."""
     low = surface.vertices.min(axis=0)
-    step = np.maximum(np.ptp(surface.vertices, axis=0), 1e-12) / _GRID_STEPS  # not 0 for a flat surface
+    step = np.maximum(np.ptp(surface.vertices, axis=0), _MIN_EXTENT) / _GRID_STEPS
     vertices = store.put(np.round((surface.vertices - low) / step), "u2")
     index_kind = "u2" if len(surface.vertices) <= _GRID_STEPS + 1 else "u4"
     faces = store.put(surface.faces, index_kind)
     return {"vertices": vertices, "faces": faces, "low": low.tolist(), "step": step.tolist()}
 
 
-def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, weighed: bool) -> dict[str, Any]:
-    """Entries of the initial tip and, if there are several tips, of each; ``weighed``: with the scale of mass ellipsoids."""
+def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, has_mass: bool) -> dict[str, Any]:
+    """Entries of the initial tip and, if there are several tips, of each; with the scale of mass ellipsoids if ``has_mass``."""
     entries = programs.tips_data(list(robot.model.all_frames))
     has_several_tips = len(entries) > 1
     for entry, tip in zip(entries, programs.tips, strict=True):
         tip_robot = robot
         if has_several_tips:
             tip_robot = Robot(replace(robot.model, tip=tip))
-        scale, directions = 0.0, 0
-        if weighed:
-            scale, directions = mass_scale(tip_robot, scene)
-        entry |= {"forceScale": force_scale(tip_robot, scene), "massScale": scale, "tipDirections": directions}
+        ellipsoid_scale, directions = 0.0, 0
+        if has_mass:
+            ellipsoid_scale, directions = mass_scale(tip_robot, scene)
+        entry |= {
+            "forceScale": force_scale(tip_robot, scene),
+            "massScale": ellipsoid_scale,
+            "tipDirections": directions,
+        }
     initial_entry = {"tip": None, "payloadFrame": None, "forceScale": 0.0, "massScale": 0.0}
     if entries:
         initial_entry = entries[programs.chosen]
@@ -471,7 +491,7 @@ def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, weighed: b
 
 
 def _require_control(control: str | None, data: Mapping[str, Any]) -> str | None:
-    """The control itself; raises ValueRangeError if the page does not have it."""
+    """Return the control; raises ValueRangeError if the page does not have it."""
     controls = []
     if data["payload"] is not None:
         controls += ["payload", "push"]
@@ -499,7 +519,7 @@ def _open_loop_notes(contents: _PageContents) -> list[str]:
 
 
 def _still_sentence(data: Mapping[str, Any]) -> str:
-    """Sentence of a page without scripts: the verdict on its motion, otherwise name and degrees of freedom of the robot."""
+    """Sentence of a page without scripts: verdict on its motion; without one, name and degrees of freedom of the robot."""
     if data["motion"]:
         verdict = data["motion"]["verdict"].get("text")
         if verdict:
@@ -514,7 +534,7 @@ _MAX_IMAGE_BYTES = 25_000
 
 
 def _still_image(scene: Scene, start: Array, motion: DrawnMotion | None) -> str:
-    """HTML image of the first frame, joints over their limits in red; empty if pictures cannot be drawn."""
+    """HTML image of the first frame, with joints over their limits in red; empty if pictures cannot be drawn."""
     from .plots.robot_picture import first_frame
 
     try:
@@ -568,42 +588,42 @@ def _switches(
     data: Mapping[str, Any], scene: Scene, book: SectionPanel | None
 ) -> tuple[dict[str, bool], list[tuple[str, str]]]:
     """Initial state of each part, and key and label of the buttons of parts that the page has."""
-    tips = data["tips"] or [data]  # a single tip has its entries in the data of the page
+    tips = data["tips"] or [data]  # the data of the page contain the entries of a single tip
     has_tip = "jacobian0" in data["programs"] and any(tip["forceScale"] > 0 for tip in tips)
-    grasped = data["payload"] is not None and book is None
-    degrees = len(data["torques"])
+    has_payload = data["payload"] is not None and book is None
+    degrees_of_freedom = len(data["torques"])
     if data["loops"] and data["loops"]["dependent"]:
-        degrees = data["loops"]["dependent"].count(False)
+        degrees_of_freedom = data["loops"]["dependent"].count(False)
     ellipsoids = [shape.surface.vertices for shape in scene.shapes if shape.layer == "inertia"]
     has_inertia = any(np.ptp(points, axis=0).max() > _HIDDEN_SHARE * scene.size for points in ellipsoids)
-    with_torques = bool(data["marks"]) and (book is None or "torques" in book.shown)
-    weighed = book is None and "mass" in data["programs"]
-    standing = data["standing"] is not None
+    has_torques = bool(data["marks"]) and (book is None or "torques" in book.shown)
+    has_mass = book is None and "mass" in data["programs"]
+    stands = data["standing"] is not None
     layer = data["layer"] or {"label": "", "workspace": None}
     has_path = data["motion"] is not None and data["payload"] is not None
-    switches = [
+    switches = [  # key, label, present, on
         _Switch("looks", "Robot", True, True),
         _Switch("inertia", "Inertia ellipsoids", has_inertia, False),
-        _Switch("torques", "Torques", with_torques, True),
+        _Switch("torques", "Torques", has_torques, True),
         _Switch("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
-        _Switch("com", "Centre of mass", "centre" in data["programs"], standing),
+        _Switch("com", "Centre of mass", "centre" in data["programs"], stands),
         _Switch("frames", "Frames", True, False),
         _Switch("ellipsoid", "Force ellipsoid", has_tip, False),
         _Switch("polytope", "Force polytope", has_tip, False),
         _Switch("mass", "Mass ellipsoid", any(tip["massScale"] > 0 for tip in tips), False),
-        _Switch("keep", "Keep orientation", grasped, degrees >= 6),
-        _Switch("stops", "Stops and friction", weighed and not data["fall"]["why"], True),
-        _Switch("drives", "Drives hold", weighed and _has_only_driven_joints(data), False),
-        _Switch("feet", "Feet on the floor", standing, True),
+        _Switch("keep", "Keep orientation", has_payload, degrees_of_freedom >= 6),
+        _Switch("stops", "Stops and friction", has_mass and not data["fall"]["why"], True),
+        _Switch("drives", "Drives hold", has_mass and _has_only_driven_joints(data), False),
+        _Switch("feet", "Feet on the floor", stands, True),
         _Switch("layer", layer["label"], data["layer"] is not None, True),
         _Switch("workspace", "Predicted error", bool(layer["workspace"]), True),
         _Switch("path", "Path of the tip", has_path, True),
     ]
     if book is None:
-        shown = {switch.key: switch.on and switch.present for switch in switches}
+        is_shown = {switch.key: switch.on and switch.present for switch in switches}
     else:
-        shown = {switch.key: switch.key in book.shown for switch in switches}
-    return shown, [(switch.key, switch.label) for switch in switches if switch.present]
+        is_shown = {switch.key: switch.key in book.shown for switch in switches}
+    return is_shown, [(switch.key, switch.label) for switch in switches if switch.present]
 
 
 def _has_only_driven_joints(data: Mapping[str, Any]) -> bool:

@@ -14,8 +14,10 @@ from .sliders import sliders_of
 
 _MAX_SPHERES = 6
 """Maximum number of spheres of a link."""
-_POSES = 512
+_POSE_COUNT = 512
 """Number of random configurations whose lowest point gives the height of the pedestal."""
+_MIN_RADIUS = 1e-9
+"""Radius in place of zero, for a body without extent beside its axis [m]."""
 _HEIGHT_FACTOR = 1.15
 """Factor of the height of the pedestal, since random configurations do not reach the lowest possible point."""
 _MAX_STANDING_GAP = 0.02
@@ -23,7 +25,7 @@ _MAX_STANDING_GAP = 0.02
 
 
 def spheres_of(scene: Scene) -> list[dict[str, Any]]:
-    """Spheres of equal radius along the longest axis of each moving body's shapes: body, middle, radius [m].
+    """Spheres of equal radius along the longest axis of each moving body's shapes, with body, middle and radius [m].
 
     The radius is the largest distance of a vertex from the axis, so that the spheres enclose the body's flanks.
     """
@@ -36,15 +38,17 @@ def spheres_of(scene: Scene) -> list[dict[str, Any]]:
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         _, principal_axes = np.linalg.eigh(np.cov(points.T))
         axis = principal_axes[:, -1]  # of the largest variance
-        along = (points - middle) @ axis
-        radius = float(np.linalg.norm(points - middle - along[:, None] * axis, axis=1).max())
-        first = along.min() + radius
-        last = along.max() - radius
-        positions = np.array([(first + last) / 2])  # along the axis
-        if last > first:
-            intervals = np.ceil(max(last - first, 0.0) / max(radius, 1e-9))  # at most a radius long
-            count = int(np.clip(intervals + 1, 1, _MAX_SPHERES))
-            positions = np.linspace(first, last, count)
+        positions_along_axis = (points - middle) @ axis
+        vectors_from_axis = points - middle - positions_along_axis[:, None] * axis
+        radius = float(np.linalg.norm(vectors_from_axis, axis=1).max())
+        first_position = positions_along_axis.min() + radius
+        last_position = positions_along_axis.max() - radius
+        positions = np.array([(first_position + last_position) / 2])  # of the spheres' centres along the axis
+        if last_position > first_position:
+            length = max(last_position - first_position, 0.0)
+            interval_count = np.ceil(length / max(radius, _MIN_RADIUS))  # intervals are at most a radius long
+            sphere_count = int(np.clip(interval_count + 1, 1, _MAX_SPHERES))
+            positions = np.linspace(first_position, last_position, sphere_count)
         spheres += [{"body": k, "middle": (middle + t * axis).tolist(), "radius": radius} for t in positions]
     return spheres
 
@@ -57,7 +61,7 @@ def pedestal_of(scene: Scene, spheres: list[dict[str, Any]], floor: float) -> fl
         return 0.0
     max_gap = _MAX_STANDING_GAP * scene.size
     base_heights = [s.surface.placed(s.pose).vertices[:, 2].min() for s in scene.shapes if s.body == BASE]
-    if min(base_heights, default=0.0) > floor + max_gap:  # it hangs
+    if min(base_heights, default=0.0) > floor + max_gap:  # the arm hangs
         return 0.0
     needed_height = floor - _lowest_height(scene, spheres)
     if needed_height <= max_gap:
@@ -67,11 +71,11 @@ def pedestal_of(scene: Scene, spheres: list[dict[str, Any]], floor: float) -> fl
 
 def _lowest_height(scene: Scene, spheres: list[dict[str, Any]]) -> float:
     """Height of the lowest point of the spheres over random configurations, with joints past their stops."""
-    q = np.array(scene.robot.random_configuration(0, _POSES))
+    q = np.array(scene.robot.random_configuration(0, _POSE_COUNT))
     rng = np.random.default_rng(0)
     for slider in sliders_of(scene.robot.model):
         if slider["unit"] == "°" and "turn" not in slider:  # an angle, not part of a quaternion
-            q[:, slider["q"]] = rng.uniform(-np.pi, np.pi, _POSES)
+            q[:, slider["q"]] = rng.uniform(-np.pi, np.pi, _POSE_COUNT)
     poses = scene.body_poses(q)
     heights: list[Array] = []
     for sphere in spheres:

@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 
 __all__ = ["figure", "page_svg", "require_matplotlib", "save"]
 
-OVER, NEAR, POINTED, QUIET = (COLOURS[s].plot for s in (Style.OVER, Style.NEAR, Style.POINTED, Style.QUIET))
+OVER = COLOURS[Style.OVER].plot
+NEAR = COLOURS[Style.NEAR].plot
+POINTED = COLOURS[Style.POINTED].plot
+QUIET = COLOURS[Style.QUIET].plot
+"""Colours of values over and near a limit, of values pointed at, and of remarks."""
 LINE = "#1f4e79"
 """Colour of a single curve."""
 AXIS = "#555b63"
@@ -82,7 +86,7 @@ STYLE = MappingProxyType(
         "text.parse_math": False,  # names of robots, joints and files may contain dollars
     }
 )
-"""Matplotlib's rcParams for every picture."""
+"""Matplotlib's rcParams for every picture; sizes of fonts in points."""
 
 
 @contextlib.contextmanager
@@ -117,15 +121,16 @@ def figure(width: float, height: float, title: str, purpose: str = "Drawing") ->
 
     with mpl.rc_context(cast("Any", dict(STYLE))):
         drawn = Figure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(drawn)
+        FigureCanvasAgg(drawn)  # attaches itself to the figure
         drawn.suptitle(title, fontsize=12, fontweight="bold", x=0.012, ha="left")
         yield drawn
 
 
 class ShownFigure:
-    """Figure in memory, in place of a file."""
+    """Stands for a file; keeps the figure in memory."""
 
     figure: Any = None
+    """Matplotlib's Figure; None until it is drawn."""
 
 
 def save(drawn: Figure, path: str | Path | ShownFigure) -> Path:
@@ -206,10 +211,11 @@ def page_svg(plot: Callable[[Path], object]) -> str:
         path = Path(folder) / "plot.svg"
         plot(path)
         text = path.read_text(encoding="utf-8")
-    text = text[text.index("<svg") :]
+    text = text[text.index("<svg") :]  # without the XML header
     text = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL)
     text = _without_unused_ids(text)
     text = re.sub(r"#[0-9a-f]{6}\b", lambda match: _page_colour(match[0]), text)
+    # numbers are shortened inside elements only, not in written texts
     text = re.sub(r"<[^>]*>", lambda match: _NUMBER_TO_ROUND.sub(r"\1", match[0]), text)
     text = _POLYLINE.sub(lambda match: f' d="{_relative_path(match[1])}"', text)
     text = re.sub(r"\s*\n\s*", " ", text).replace("> <", "><").strip()
@@ -218,8 +224,8 @@ def page_svg(plot: Callable[[Path], object]) -> str:
 
 def _without_unused_ids(svg: str) -> str:
     """SVG without the ids that no reference names."""
-    referenced = set(re.findall(r"#([\w-]+)[\")]", svg))
-    return re.sub(r' id="([\w.-]+)"', lambda match: match[0] if match[1] in referenced else "", svg)
+    referenced_ids = set(re.findall(r"#([\w-]+)[\")]", svg))
+    return re.sub(r' id="([\w.-]+)"', lambda match: match[0] if match[1] in referenced_ids else "", svg)
 
 
 def _page_colour(colour: str) -> str:
@@ -230,12 +236,13 @@ def _page_colour(colour: str) -> str:
 
 
 def _with_reproducible_ids(svg: str) -> str:
-    """SVG with numbered ids behind a checksum of its text, which differs between plots of one page.
+    """SVG with ids that consist of a checksum of the text and a number.
 
-    Matplotlib derives ids from hashes of coordinates, whose last digit differs between runs.
+    The checksum differs between the plots of a page. Matplotlib's own ids may differ between runs, since they are hashes of
+    coordinates.
     """
-    names = dict.fromkeys(name for _, name in _ID_OR_REFERENCE.findall(svg))  # each once, in order
-    numbers = {name: str(k) for k, name in enumerate(names)}
+    ids = dict.fromkeys(name for _, name in _ID_OR_REFERENCE.findall(svg))  # each once, in order
+    numbers = {name: str(k) for k, name in enumerate(ids)}
     svg = _ID_OR_REFERENCE.sub(lambda match: f"{match[1]}{numbers[match[2]]}", svg)
     checksum = zlib.crc32(svg.encode())
     return _ID_OR_REFERENCE.sub(rf"\g<1>p{checksum:08x}-\g<2>", svg)
@@ -250,13 +257,13 @@ _POLYLINE = re.compile(r' d="((?:M -?[\d.]+ -?[\d.]+\s*(?:L -?[\d.]+ -?[\d.]+\s*
 
 
 def _relative_path(absolute: str) -> str:
-    """The same path in steps from point to point, which are shorter texts.
+    """Path with absolute points, rewritten as steps from point to point, which are shorter texts.
 
     Points are counted in whole hundredths, so that rounding errors of the steps do not add up.
     """
     path = ""
-    first_x, first_y = 0, 0  # of the present line, to which z returns
-    last_x, last_y = 0, 0
+    first_x, first_y = 0, 0  # first point of the present line, to which z returns
+    last_x, last_y = 0, 0  # point before the present one
     for command, x_text, y_text in re.findall(r"([MLz])(?: (\S+) (\S+))?", " ".join(absolute.split())):
         if command == "z":
             path += "z"
@@ -270,19 +277,19 @@ def _relative_path(absolute: str) -> str:
         else:
             path += f"{_hundredths(x - last_x)} {_hundredths(y - last_y)} "
         last_x, last_y = x, y
-    path = re.sub(r"l(?=[Mz]|$)", "", path)  # lines of a single point
+    path = re.sub(r"l(?=[Mz]|$)", "", path)  # a line of a single point has no steps
     return path.replace(" -", "-").replace(" z", "z").replace(" M", "M").strip()
 
 
 def _hundredths(value: int) -> str:
     """Shortest numeral of a number of hundredths: .29, -1.5, 0."""
-    whole, hundredths = divmod(abs(value), 100)
-    digits = f"{whole}.{hundredths:02d}".strip("0").rstrip(".") or "0"
+    units, hundredths = divmod(abs(value), 100)
+    digits = f"{units}.{hundredths:02d}".strip("0").rstrip(".") or "0"
     return f"-{digits}" if value < 0 else digits
 
 
 _MINUS_OF_NUMBER = re.compile(r"(?<![\w.-])-(?=[\d.])")
-"""Hyphen before a number and after no word, number or other hyphen."""
+"""Hyphen before a number, unless a word, a number or another hyphen precedes it."""
 
 
 def _write_minus(drawn: Figure) -> None:
@@ -331,7 +338,10 @@ def titles(axis: Axes, name: str, remark: str = "", colour: str = QUIET) -> None
 
 
 def stack(axis: Axes, x: Array, terms: Iterable[tuple[str, str, Array]]) -> tuple[dict[str, Any], Array, Array]:
-    """Draw stacked terms (label, colour, values) above and below zero; returns the areas, lower edge and upper edge."""
+    """Draw stacked terms (label, colour, values), positive values above zero and negative ones below.
+
+    Returns the areas above zero by label, the lower edge and the upper edge of the stack.
+    """
     areas: dict[str, Any] = {}
     lower = np.zeros(len(x))
     upper = np.zeros(len(x))
@@ -355,21 +365,21 @@ def draw_joints(
     """Draw a curve for each joint: the eight of largest ``sizes`` in their colours and dashes, the others grey behind them.
 
     The columns of ``values`` (n, k) belong to ``names``, and ``places`` are their colour indices, by default 0 to k - 1.
-    Returns the coloured columns.
+    Returns the indices of the coloured columns.
     """
-    by_size = sorted(range(len(names)), key=lambda k: -float(sizes[k]))
-    coloured = sorted(by_size[:MAX_COLOURED])
-    others = by_size[MAX_COLOURED:]
-    for k in coloured:
+    largest_first = sorted(range(len(names)), key=lambda k: -float(sizes[k]))
+    coloured_columns = sorted(largest_first[:MAX_COLOURED])
+    other_columns = largest_first[MAX_COLOURED:]
+    for k in coloured_columns:
         place = k if places is None else places[k]
         colour = SERIES[place % len(SERIES)]
         dashes = DASHES[place // len(SERIES) % len(DASHES)]
         axis.plot(t, values[:, k], linewidth=1.2, label=names[k], color=colour, linestyle=dashes)
-    label: str | None = f"{len(others)} others"
-    for k in others:
+    label: str | None = f"{len(other_columns)} others"
+    for k in other_columns:
         axis.plot(t, values[:, k], color=PALE, linewidth=0.8, label=label, zorder=1.5)
         label = None  # one entry of the legend for all
-    return coloured
+    return coloured_columns
 
 
 def time_colours() -> Any:
@@ -380,9 +390,9 @@ def time_colours() -> Any:
 
 
 _COLUMNS_BY_COUNT = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}
-"""Columns of a grid of panels, by the number of panels."""
+"""Number of columns of a grid, by its number of panels."""
 _MAX_COLUMNS = 4
-"""Columns of grids with more panels."""
+"""Number of columns of grids with more panels."""
 
 
 def panel_grid(count: int, most: int | None = None) -> tuple[int, int]:
@@ -401,7 +411,8 @@ def panel_grid(count: int, most: int | None = None) -> tuple[int, int]:
 
 def panels(drawn: Any, count: int, most: int | None = None, *, sharex: bool = False) -> list[Any]:
     """Axes of ``count`` panels in a figure or subfigure; unused cells of the grid are hidden."""
-    axes = drawn.subplots(*panel_grid(count, most), sharex=sharex, squeeze=False).ravel()
+    rows, columns = panel_grid(count, most)
+    axes = drawn.subplots(rows, columns, sharex=sharex, squeeze=False).ravel()
     for axis in axes[count:]:
         axis.set_visible(False)
     return list(axes[:count])

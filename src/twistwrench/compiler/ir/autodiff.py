@@ -43,7 +43,7 @@ def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str =
         for direction, column in enumerate(_forward_sweeps(results, known, directions)):
             J[:, direction] = column
         return J
-    gradients: dict[Expr, Array] = {}  # by result: a symmetric matrix has most entries twice
+    gradients: dict[Expr, Array] = {}  # by result, since a symmetric matrix has most entries twice
     for row, result in enumerate(results):
         if result not in gradients:
             gradients[result] = gradient([result], [result.trace.one], known, directions)
@@ -53,15 +53,16 @@ def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str =
 
 def along(results: Sequence[Expr], known: Known, direction: Sequence[Any]) -> list[Any]:
     """Derivative of each result along Σ_d direction[d] · (direction d), by one sweep of forward mode."""
-    combined: dict[Expr, dict[int, Expr]] = {}  # derivatives of known expressions along the only direction, 0
+    known_rates: dict[Expr, dict[int, Expr]] = {}  # along the only direction, which has number 0
     for node, derivatives in known.items():
-        combined[node] = {}
+        known_rates[node] = {}
         rate = node.trace.zero
         for d, derivative in derivatives.items():
             rate = rate + derivative * direction[d]
         if rate is not node.trace.zero:
-            combined[node][0] = rate
-    return _forward_sweeps(results, combined, 1)[0]
+            known_rates[node][0] = rate
+    (rates,) = _forward_sweeps(results, known_rates, 1)
+    return rates
 
 
 def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, directions: int) -> Array:
@@ -69,25 +70,25 @@ def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, dire
     nodes = _varying_nodes(results, known)
     adjoints: dict[Expr, Any] = {}  # derivatives of the sum with respect to each expression
 
-    def add_to_adjoint(node: Expr, part: Any) -> None:
+    def add_to_adjoint(node: Expr, term: Any) -> None:
         if node in adjoints:
-            part = adjoints[node] + part
-        adjoints[node] = part
+            term = adjoints[node] + term
+        adjoints[node] = term
 
     for result, weight in zip(results, weights, strict=True):
         add_to_adjoint(result, weight)
-    total = np.full(directions, 0.0, object)
+    derivatives = np.full(directions, 0.0, object)
     for node in reversed(nodes):
         adjoint = adjoints.get(node)
         if adjoint is None:
             continue
         if node in known:
             for d, derivative in known[node].items():
-                total[d] = total[d] + derivative * adjoint
+                derivatives[d] = derivatives[d] + derivative * adjoint
             continue
         for operand, derivative in _local_derivatives(node, nodes):
             add_to_adjoint(operand, derivative * adjoint)
-    return total
+    return derivatives
 
 
 def work(results: Sequence[Expr], known: Known) -> Work:
@@ -95,16 +96,16 @@ def work(results: Sequence[Expr], known: Known) -> Work:
 
     A product counts one multiplication for each varying factor, and one addition if both vary; sums count their additions.
     """
-    directions_of = _varying_nodes(results, known)  # as bits
+    directions_of = _varying_nodes(results, known)  # directions that reach each expression, as bits
     results_of = dict.fromkeys(directions_of, 0)  # results that depend on each expression, as bits
     for k, result in enumerate(dict.fromkeys(results)):
         if result in directions_of:
             results_of[result] |= 1 << k
-    forward = reverse = 0
+    forward, reverse = 0, 0
     for node in reversed(directions_of):
         if node in known:
-            multiplied = sum(derivative is not node.trace.one for derivative in known[node].values())
-            reverse += 2 * multiplied * results_of[node].bit_count()  # a multiplication and an addition each
+            factor_count = sum(derivative is not node.trace.one for derivative in known[node].values())
+            reverse += 2 * factor_count * results_of[node].bit_count()  # a multiplication and an addition each
             continue
         operands = [operand for operand in _operands_of_function(node) if operand in directions_of]
         multiplies = node.op not in ("add", "sub", "neg")
@@ -124,7 +125,7 @@ def work(results: Sequence[Expr], known: Known) -> Work:
 
 
 def _share_of_first(node: Expr, a: Any, b: Any) -> Any:
-    """1 if a minimum or maximum is its first operand, 0 if it is the second, ½ if they are equal."""
+    """Derivative of a minimum or maximum by its first operand: 1 if it is this one, 0 if the other, ½ if both are equal."""
     if node.op == "min":
         return 0.5 + 0.5 * (b - a).sign()
     return 0.5 + 0.5 * (a - b).sign()
@@ -147,7 +148,7 @@ _RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
     "log": (lambda f, a, b: 1.0 / a,),
     "arctan2": (lambda f, a, b: b / (a * a + b * b), lambda f, a, b: -(a / (a * a + b * b))),
 }
-"""Derivatives of f = f(a, b), one for each operand, by name of the operation or composed function."""
+"""Derivatives of f = f(a, b) by a and by b, by name of the operation or composed function."""
 
 
 def _operands_of_function(node: Expr) -> tuple[Expr, ...]:
@@ -165,7 +166,8 @@ def _local_derivatives(node: Expr, varying: Mapping[Expr, int]) -> list[tuple[Ex
         return []
     composed = node.trace.composed.get(node.index)
     rules = _RULES[node.op if composed is None else composed.name]
-    a, b = (*operands, None)[:2]  # None in place of a missing second operand
+    a = operands[0]
+    b = operands[1] if len(operands) > 1 else None
     return [(operand, rule(node, a, b)) for operand, rule in zip(operands, rules, strict=True) if operand in varying]
 
 
@@ -176,11 +178,11 @@ def _forward_sweeps(results: Sequence[Expr], known: Known, directions: int) -> l
     for node in varying:
         if node not in known:
             local_derivatives[node] = _local_derivatives(node, varying)
-    columns = []
+    rates_of_results = []
     for d in range(directions):
         rates: dict[Expr, Any] = {}  # derivatives along direction d
         for node, direction_bits in varying.items():
-            if not direction_bits >> d & 1:
+            if not direction_bits >> d & 1:  # the expression does not vary along d
                 continue
             if node in known:
                 rates[node] = known[node][d]
@@ -190,15 +192,15 @@ def _forward_sweeps(results: Sequence[Expr], known: Known, directions: int) -> l
                 if operand in rates:
                     rate = rate + derivative * rates[operand]
             rates[node] = rate
-        columns.append([rates.get(result, 0.0) for result in results])
-    return columns
+        rates_of_results.append([rates.get(result, 0.0) for result in results])
+    return rates_of_results
 
 
 def _varying_nodes(results: Sequence[Expr], known: Known) -> dict[Expr, int]:
-    """Varying expressions between known ones and the results, operands first, with their directions as bits."""
+    """Expressions from known ones to the results that vary in some direction, operands first; bit d stands for direction d."""
     direction_bits: dict[Expr, int] = {}
     nodes = reachable(results, lambda node: () if node in known else _operands_of_function(node))
-    for node in sorted(nodes, key=lambda node: node.index):
+    for node in sorted(nodes, key=lambda node: node.index):  # operands have smaller indices
         bits = sum(1 << d for d in known.get(node, ()))
         if node not in known and node.op != "sign":  # a sign is piecewise constant
             for operand in _operands_of_function(node):

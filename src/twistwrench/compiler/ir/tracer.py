@@ -36,8 +36,8 @@ def _sort_nodes(results: Sequence[Expr]) -> list[Expr]:
     """All expressions that the results need, in order of creation, but sines, cosines and their operands first."""
     nodes = reachable(results)
     sines_and_cosines = [node for node in nodes if node.op in ("sin", "cos")]
-    early = {node.index for node in reachable(sines_and_cosines)}
-    return sorted(nodes, key=lambda node: (node.index not in early, node.index))  # False comes before True
+    early_indices = {node.index for node in reachable(sines_and_cosines)}
+    return sorted(nodes, key=lambda node: (node.index not in early_indices, node.index))  # False comes before True
 
 
 def operands_of(node: Expr) -> tuple[Expr, ...]:
@@ -50,7 +50,7 @@ def operands_of(node: Expr) -> tuple[Expr, ...]:
 
 
 def reachable(results: Sequence[Expr], operands: Callable[[Expr], Sequence[Expr]] = operands_of) -> list[Expr]:
-    """All expressions that the results depend on; iterative, because programs may be deep."""
+    """All expressions that the results depend on, and the results; iterative, because programs may be deep."""
     nodes: dict[int, Expr] = {}
     stack = list(results)
     while stack:
@@ -67,26 +67,26 @@ _OPERATION_OF_SIGNS = {signs: operation for operation, signs in FUSED.items()}
 
 def _fusions(nodes: Sequence[Expr], results: Sequence[Expr]) -> dict[int, tuple[str, Expr, Expr]]:
     """Sums that absorb a product without other uses: index of the sum → (fused operation, product, other operand)."""
-    uses: dict[int, int] = {}
+    use_counts: dict[int, int] = {}  # by index of the expression
     for node in nodes:
         for operand in operands_of(node):
-            uses[operand.index] = uses.get(operand.index, 0) + 1
+            use_counts[operand.index] = use_counts.get(operand.index, 0) + 1
     for result in results:
-        uses[result.index] = uses.get(result.index, 0) + 1
+        use_counts[result.index] = use_counts.get(result.index, 0) + 1
     fused: dict[int, tuple[str, Expr, Expr]] = {}
     for node in nodes:
         if node.op not in ("add", "sub") or node.a is None or node.b is None:
             continue
         sign_of_b = 1 if node.op == "add" else -1
-        if node.b.op == "mul" and uses[node.b.index] == 1:
+        if node.b.op == "mul" and use_counts[node.b.index] == 1:
             fused[node.index] = _OPERATION_OF_SIGNS[sign_of_b, 1], node.b, node.a
-        elif node.a.op == "mul" and uses[node.a.index] == 1:
+        elif node.a.op == "mul" and use_counts[node.a.index] == 1:
             fused[node.index] = _OPERATION_OF_SIGNS[1, sign_of_b], node.a, node.b
     return fused
 
 
 def _emit(nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]) -> tuple[list[Instruction], dict[int, int]]:
-    """Instructions in the order of the nodes, and the number of its instruction by index of the node."""
+    """Instructions in the order of the nodes, and the number of each node's instruction, by index of the node."""
     absorbed_products = {product.index for _, product, _ in fused.values()}
     instructions: list[Instruction] = []
     number_of_node: dict[int, int] = {}
@@ -98,9 +98,9 @@ def _emit(nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]) -> tu
             operands: tuple[Expr | None, ...] = (product.a, product.b, other)
         else:
             op, operands = node.op, (node.a, node.b)
-        args = tuple(number_of_node[operand.index] for operand in operands if operand is not None)
+        operand_numbers = tuple(number_of_node[operand.index] for operand in operands if operand is not None)
         number_of_node[node.index] = len(instructions)
-        instructions.append(Instruction(op, args, node.value))
+        instructions.append(Instruction(op, operand_numbers, node.value))
     return instructions, number_of_node
 
 
@@ -123,7 +123,7 @@ class Trace:
         self.one = self.constant(1.0)
 
     def _make(self, op: str, a: Expr | None = None, b: Expr | None = None, value: float = 0.0) -> Expr:
-        """Expression of an operation, a new one only if the table has no equal one.
+        """Expression of an operation; it is new only if the table has no equal expression.
 
         Called for every operation, hence conditionals in place and no calls.
         """
@@ -154,7 +154,7 @@ class Trace:
         return self._make("const", value=float(value) + 0.0)
 
     def input(self, number: int) -> Expr:
-        """Return the program's input of that number."""
+        """Return the input element with this number."""
         return self._make("input", value=number)
 
     def inputs(self, first: int, shape: tuple[int, ...]) -> Array:
@@ -264,7 +264,7 @@ class Trace:
     # ── functions ──
 
     def turned(self, a: Expr, b: Expr) -> Expr:
-        """Sum of two angles, whose sine and cosine come from those of ``a`` and ``b`` by the addition theorems.
+        """Sum of two angles. Its sine and cosine come from the sines and cosines of ``a`` and ``b`` by addition theorems.
 
         Compiled sines and cosines are accurate in a range that is checked for inputs only, and a sum may leave it.
         """
@@ -347,7 +347,7 @@ def trace(
     owner = Trace()
     arguments = []
     input_specs = []
-    input_count = 0
+    input_count = 0  # number of input elements so far
     for name, shape in inputs:
         array = owner.inputs(input_count, shape)
         arguments.append(array if shape else array[()])  # a number is passed as an expression, not as an array of one
@@ -378,7 +378,7 @@ class _PausedCollector:
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
-        self.traces = 0  # that run now
+        self.traces = 0  # number of traces that run now
         self.was_enabled = False
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(after_in_child=self._end_traces_of_other_threads)

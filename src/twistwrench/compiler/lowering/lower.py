@@ -23,14 +23,14 @@ MAX_INSTRUCTIONS = 2000
 def modules(form: Form, precision: Precision, machine: Machine) -> Iterator[str]:
     """Assembly texts of a form, to be compiled and linked together."""
     program = program_of(form)
-    around = _loop_writer(form, machine)
+    write_loop = _loop_writer(form, machine)
     if not isinstance(form, ColumnSolve) and len(program.instructions) <= MAX_INSTRUCTIONS:
-        yield assembly(program, precision, machine, around)
+        yield assembly(program, precision, machine, write_loop)
         return
     from .partition import partitioned
 
-    inside = form if isinstance(form, ColumnSolve) else program  # without the loop, which ``around`` writes
-    yield from partitioned(inside, precision, machine, around)
+    form_in_loop = form if isinstance(form, ColumnSolve) else program  # ``write_loop`` writes the loop around it
+    yield from partitioned(form_in_loop, precision, machine, write_loop)
 
 
 def _loop_writer(form: Form, machine: Machine) -> Loop:
@@ -68,8 +68,8 @@ MAX_UNCUT_OUTPUTS = 500
 """Number of result entries above which a function is cut, too: LLVM's schedulers compare all pairs of stores in a block."""
 
 
-def assembly(program: Program, precision: Precision, machine: Machine, around: Loop = loop) -> str:
-    """Module with the block, the loop around it, and the functions they call."""
+def assembly(program: Program, precision: Precision, machine: Machine, write_loop: Loop = loop) -> str:
+    """Module with the block, the loop around it that ``write_loop`` writes, and the functions they call."""
     lanes = machine.lanes(precision)
     w = LlvmWriter(precision, lanes, fused=machine.fused)
     emitter = _WholeProgramEmitter(w, program)
@@ -86,7 +86,7 @@ def assembly(program: Program, precision: Precision, machine: Machine, around: L
             declarations(w),
             wrapper(precision, lanes),
             f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n',
-            around(LOOP, program, precision, lanes, 0, 1),
+            write_loop(LOOP, program, precision, lanes, 0, 1),
         ]
     )
 
@@ -97,10 +97,17 @@ _INTRINSICS = {"fma": 3, "sqrt": 1, "fabs": 1, "copysign": 2}
 
 def declarations(w: LlvmWriter) -> str:
     """Declarations of functions that a module may call."""
-    v, e, bits = w.vector, w.element, w.precision.bits
-    lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * count)})" for op, count in _INTRINSICS.items()]
-    lines += [f"declare {e} @llvm.fabs.f{bits}({e})", "declare double @sin(double)", "declare double @cos(double)"]
-    return "\n".join([*lines, "declare double @atan2(double, double)", ""])
+    lines = []
+    for op, operand_count in _INTRINSICS.items():
+        operands = ", ".join([w.vector] * operand_count)
+        lines.append(f"declare {w.vector} @llvm.{op}.{w.suffix}({operands})")
+    lines += [
+        f"declare {w.element} @llvm.fabs.f{w.precision.bits}({w.element})",
+        "declare double @sin(double)",
+        "declare double @cos(double)",
+        "declare double @atan2(double, double)",
+    ]
+    return "\n".join([*lines, ""])
 
 
 class Emitter:
@@ -109,7 +116,7 @@ class Emitter:
     def __init__(self, w: LlvmWriter, program: Program) -> None:
         self.w, self.program = w, program
         self.values: dict[int, str] = {}
-        """Vector of each instruction, by its number."""
+        """Name of each instruction's vector, by number of the instruction."""
         self.label = "entry"
         """Label of the current basic block."""
         self.pairs: dict[int, tuple[str, str]] = {}
@@ -123,12 +130,12 @@ class Emitter:
             self._inputs += [(loader, column) for column in range(port.size)]
 
     def input(self, number: int) -> str:
-        """Vector of an input."""
+        """Vector of an input element."""
         loader, column = self._inputs[number]
         return loader.column(column)
 
     def meet(self, number: int) -> None:
-        """Load an input where the program first mentions it."""
+        """Load the input that instruction ``number`` reads, where the program first mentions it."""
         self.values[number] = self.input(int(self.program.instructions[number].value))
 
     def value(self, number: int) -> str:
@@ -149,12 +156,13 @@ class Emitter:
     def walk(self, first: int, end: int, entries: Mapping[int, Sequence[int]], *, large: bool) -> None:
         """Emit the instructions from ``first`` to before ``end``, and store the result entries that they compute.
 
-        ``entries`` are the numbers of result entries by number of the instruction. ``large`` cuts basic blocks.
+        ``entries`` are the result entries that each instruction computes, by number of the instruction. ``large`` cuts the
+        program into basic blocks.
         """
         instructions = self.program.instructions
-        self.check(_input_angles(self.program, first, end))
+        self.reduce_input_angles(_input_angles(self.program, first, end))
         for number in range(first, end):
-            op, args, value = instructions[number]
+            op, operand_numbers, value = instructions[number]
             if op == "const":
                 for k in entries.get(number, ()):
                     self.output(k, self.w.splat(value))
@@ -162,12 +170,12 @@ class Emitter:
             if large and number % INSTRUCTIONS_PER_BLOCK == INSTRUCTIONS_PER_BLOCK - 1:
                 self.cut()
             if op in ("sin", "cos"):
-                sine, cosine = self.sincos(args[0])
+                sine, cosine = self.sincos(operand_numbers[0])
                 self.record(number, sine if op == "sin" else cosine)
             elif op == "input":
                 self.meet(number)
             else:
-                operands = [self.value(operand) for operand in args]
+                operands = [self.value(operand) for operand in operand_numbers]
                 self.record(number, _emit_operation(self.w, op, operands))
             for k in entries.get(number, ()):
                 self.output(k, self.value(number))
@@ -182,8 +190,8 @@ class Emitter:
         self.w.begin(next_block)
         self.label = next_block
 
-    def check(self, angles: list[int]) -> None:
-        """Load angles that are inputs, and reduce those beyond the range of the polynomials for sine and cosine."""
+    def reduce_input_angles(self, angles: list[int]) -> None:
+        """Load the inputs ``angles``, by number, and reduce them to the range of the polynomials for sine and cosine."""
         for number in angles:
             self.values[number] = self.input(int(self.program.instructions[number].value))
         if angles:
@@ -192,11 +200,11 @@ class Emitter:
             self.waiting = dict(zip(angles, reduced, strict=True))
 
     def sincos(self, angle: int) -> tuple[str, str]:
-        """Sine and cosine of an angle; the first use computes them in lockstep with those of other waiting angles."""
+        """Sine and cosine of an angle, by number; the first use also computes those of other waiting angles, in lockstep."""
         if angle not in self.pairs:
             if angle in self.waiting:
-                others = [other for other in self.waiting if other != angle]
-                group = [angle, *others][:MAX_ANGLES_IN_LOCKSTEP]
+                other_angles = [other for other in self.waiting if other != angle]
+                group = [angle, *other_angles][:MAX_ANGLES_IN_LOCKSTEP]
                 reduced = [self.waiting.pop(number) for number in group]
             else:
                 group = [angle]
@@ -230,11 +238,11 @@ class _WholeProgramEmitter(Emitter):
 
 
 def _input_angles(program: Program, first: int, end: int) -> list[int]:
-    """Inputs that are arguments of sines and cosines, by number; their ranges are checked together at the start."""
+    """Numbers of the inputs whose sine or cosine is computed; their ranges are checked together at the start."""
     angles = set()
-    for op, args, _ in program.instructions[first:end]:
-        if op in ("sin", "cos") and program.instructions[args[0]].op == "input":
-            angles.add(args[0])
+    for op, operands, _ in program.instructions[first:end]:
+        if op in ("sin", "cos") and program.instructions[operands[0]].op == "input":
+            angles.add(operands[0])
     return sorted(angles)
 
 
@@ -243,10 +251,10 @@ _LLVM_OPERATIONS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 
 
 def _emit_operation(w: LlvmWriter, op: str, operands: list[str]) -> str:
-    """Vector of an operation, except sines and cosines."""
-    first = operands[0]
+    """Vector of an operation on these vectors; sines and cosines are emitted elsewhere."""
+    first_operand = operands[0]
     if op in _LLVM_OPERATIONS:
-        return w.binary(_LLVM_OPERATIONS[op], first, operands[1])
+        return w.binary(_LLVM_OPERATIONS[op], first_operand, operands[1])
     if op in FUSED:
         product_sign, addend_sign = FUSED[op]
         a, b, addend = operands
@@ -256,14 +264,14 @@ def _emit_operation(w: LlvmWriter, op: str, operands: list[str]) -> str:
             addend = w.negate(addend)
         return w.fma(a, b, addend)
     if op == "neg":
-        return w.negate(first)
+        return w.negate(first_operand)
     if op == "sign":  # 0 stays 0 and NaN stays NaN; unlike <, a comparison for equality with NaN sets no error flag
-        is_zero_or_nan = w.new(f"fcmp ueq {w.vector} {first}, {w.splat(0.0)}")
-        return w.select(is_zero_or_nan, first, w.intrinsic("copysign", w.splat(1.0), first))
+        is_zero_or_nan = w.new(f"fcmp ueq {w.vector} {first_operand}, {w.splat(0.0)}")
+        return w.select(is_zero_or_nan, first_operand, w.intrinsic("copysign", w.splat(1.0), first_operand))
     if op in ("min", "max"):
         comparison = "olt" if op == "min" else "ogt"
-        takes_first = w.new(f"fcmp {comparison} {w.vector} {first}, {operands[1]}")
-        return w.select(takes_first, first, operands[1])
+        takes_first = w.new(f"fcmp {comparison} {w.vector} {first_operand}, {operands[1]}")
+        return w.select(takes_first, first_operand, operands[1])
     if op == "exp":
-        return exp(w, first)
-    return w.intrinsic(op, first)
+        return exp(w, first_operand)
+    return w.intrinsic(op, first_operand)

@@ -49,7 +49,7 @@ def compiler() -> CompilerFacts:
 
 
 def _llvm_facts() -> CompilerFacts:
-    """Properties from LLVM, which is loaded for them."""
+    """Properties from LLVM; loads LLVM."""
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten()
@@ -61,7 +61,7 @@ def _llvm_facts() -> CompilerFacts:
 
 @cache
 def _cached_facts() -> CompilerFacts:
-    """Properties that are cached for this processor and this version of LLVM; from LLVM if there are none."""
+    """Properties in the cache for this processor and this build of LLVM; from LLVM if the cache has none."""
     processor = _processor_description()
     if processor is None:
         return _llvm_facts()
@@ -86,7 +86,7 @@ def _facts_from_entry(entry: bytes) -> CompilerFacts | None:
 
 
 def _llvmlite_description() -> list[str]:
-    """Version of llvmlite, and sizes and times of its libraries, by which another build is noticed."""
+    """Version of llvmlite, and sizes and times of its libraries, which differ between builds."""
     import llvmlite
 
     folder = Path(str(llvmlite.__file__)).parent / "binding"
@@ -110,6 +110,8 @@ _FIELDS_OF_ONE_CORE = (
     "BogoMIPS",
 )
 """Fields of the report that differ between cores or over time."""
+_REPORT_BYTES = 8192
+"""Number of bytes of the report that are read; the first core needs fewer."""
 
 
 def _processor_description() -> str | None:
@@ -120,20 +122,20 @@ def _processor_description() -> str | None:
     """
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
-    features: dict[str, bool] = getattr(_multiarray_umath, "__cpu_features__", {})
+    has_feature: dict[str, bool] = getattr(_multiarray_umath, "__cpu_features__", {})
     try:
         with _CPUINFO.open("rb", buffering=0) as file:
-            text = (file.read(8192) or b"").decode("utf-8", "replace")
+            text = (file.read(_REPORT_BYTES) or b"").decode("utf-8", "replace")
     except OSError:
         return None
     first_core, end_of_core, _ = text.partition("\n\n")
     lines = [line for line in first_core.splitlines() if line.partition(":")[0].strip() not in _FIELDS_OF_ONE_CORE]
     names_features = any(line.startswith(("flags", "Features")) for line in lines)
     is_complete = end_of_core != "" and names_features
-    if not features or not is_complete:
+    if not has_feature or not is_complete:
         return None
-    present = [name for name, is_present in features.items() if is_present]
-    return "\n".join([platform.machine(), *lines, *present])
+    features = [name for name, is_present in has_feature.items() if is_present]
+    return "\n".join([platform.machine(), *lines, *features])
 
 
 # ── Target processor: name, features, vector width, and fused products
@@ -150,8 +152,11 @@ class Precision:
     """Floating-point type: its name in LLVM, its size, and its letter in NumPy."""
 
     llvm: str
+    """Name in LLVM."""
     bytes: int
+    """Size in bytes."""
     char: str
+    """Letter in NumPy and in :mod:`struct`."""
     mantissa: int
     """Stored bits of the significand."""
 
@@ -163,22 +168,24 @@ class Precision:
     def rounded(self, value: float) -> float:
         """Nearest representable number; infinity above the largest, as NumPy rounds."""
         try:
-            return float(struct.unpack(self.char, struct.pack(self.char, value))[0])
+            (rounded_value,) = struct.unpack(self.char, struct.pack(self.char, value))
         except OverflowError:
             return math.copysign(math.inf, value)
+        return float(rounded_value)
 
     def pattern(self, value: float) -> int:
         """Bits of the nearest representable number as a signed integer; larger positive numbers have larger integers."""
-        return int.from_bytes(struct.pack(f"<{self.char}", self.rounded(value)), "little", signed=True)
+        packed = struct.pack(f"<{self.char}", self.rounded(value))
+        return int.from_bytes(packed, "little", signed=True)
 
 
-DOUBLE = Precision("double", 8, "d", 52)
-SINGLE = Precision("float", 4, "f", 23)
+DOUBLE = Precision("double", bytes=8, char="d", mantissa=52)
+SINGLE = Precision("float", bytes=4, char="f", mantissa=23)
 
 
 @dataclass(frozen=True)
 class Machine:
-    """Description of a processor for the compiler; the first three properties are those of :class:`CompilerFacts`."""
+    """Description of a processor for the compiler; triple, cpu and features are as in :class:`CompilerFacts`."""
 
     triple: str
     cpu: str
@@ -186,14 +193,14 @@ class Machine:
     vector_bits: int
     """Size of the widest vectors."""
     fused: bool = True
-    """True if the machine computes a b + c with one rounding. Otherwise code rounds twice, as emulation would be slow."""
+    """True if the machine computes a b + c with one rounding. Otherwise code rounds twice, since emulation would be slow."""
 
     def narrowed(self, bits: int) -> Machine:
-        """The same machine with vectors of ``bits`` bits."""
+        """Copy of the machine, with vectors of ``bits`` bits."""
         return replace(self, vector_bits=bits)
 
     def lanes(self, precision: Precision) -> int:
-        """Number of samples per vector."""
+        """Number of samples in a vector."""
         return self.vector_bits // precision.bits
 
 
@@ -214,13 +221,13 @@ def host() -> Machine:
 
 
 def choices() -> dict[str, Machine]:
-    """Processors that ``TWISTWRENCH_CPU`` may name here, because this one runs their code; the host first."""
+    """Processors that ``TWISTWRENCH_CPU`` may name, by name: the host, and others whose code the host runs."""
     triple = host().triple
     machines = {"host": host()}
     if _is_x86(triple):
         present: frozenset[str] = frozenset()
-        for level, added in X86_LEVELS.items():
-            present |= {*added}
+        for level, added_features in X86_LEVELS.items():
+            present |= {*added_features}
             if not _missing_features(level):
                 machines[level] = _machine(triple, level, "", present)
     elif triple.startswith(("aarch64", "arm64")):
@@ -229,23 +236,23 @@ def choices() -> dict[str, Machine]:
 
 
 def chosen() -> Machine:
-    """Target processor: the host, or the one that ``TWISTWRENCH_CPU`` names.
+    """Target processor: the host, or the processor that ``TWISTWRENCH_CPU`` names.
 
-    Raises ValueRangeError for an unknown name, or for a processor whose code this one cannot run.
+    Raises ValueRangeError for an unknown name, or for a processor whose code the host cannot run.
     """
     name = os.environ.get(VARIABLE, "").strip().lower() or "host"
     if name == "host":
         return host()
-    allowed = choices()
-    if name not in allowed:
+    machines = choices()
+    if name not in machines:
         reason = ""
         if name in X86_LEVELS and _is_x86(host().triple):
             reason = f" {name} wants {', '.join(_missing_features(name))}."
         raise ValueRangeError(
             f"{VARIABLE}: {os.environ[VARIABLE]!r} names no processor whose code this one ({host().cpu}) runs.{reason}"
-            f" Allowed here: {', '.join(allowed)}."
+            f" Allowed here: {', '.join(machines)}."
         )
-    return allowed[name]
+    return machines[name]
 
 
 def _machine(triple: str, cpu: str, features: str, present: frozenset[str]) -> Machine:
@@ -267,11 +274,11 @@ def _is_x86(triple: str) -> bool:
 
 
 def _missing_features(level: str) -> list[str]:
-    """Features of an x86-64 level, and of those below it, that the host lacks."""
+    """Features that the host lacks, of an x86-64 level and of all levels below it."""
     present = compiler().present
-    missing = []
+    missing_features = []
     for name, features in X86_LEVELS.items():
-        missing += [feature for feature in features if feature not in present]
+        missing_features += [feature for feature in features if feature not in present]
         if name == level:
             break
-    return missing
+    return missing_features

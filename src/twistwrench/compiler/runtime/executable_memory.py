@@ -10,7 +10,7 @@ from typing import Any
 
 from ...core.typing import Array
 
-# Arguments of VirtualAlloc, VirtualFree and VirtualProtect of Windows.
+# Arguments of VirtualAlloc, VirtualFree and VirtualProtect of Windows: kinds of allocation, and kinds of protection.
 _RESERVE_AND_COMMIT, _RELEASE = 0x3000, 0x8000
 _READ_WRITE, _EXECUTE_READ = 0x04, 0x20
 
@@ -23,6 +23,7 @@ class ExecutableMemory:
     """Readable and executable memory; freed with this object."""
 
     address: int
+    """Address of the first byte."""
 
     @staticmethod
     def from_image(image: Array) -> ExecutableMemory:
@@ -53,9 +54,8 @@ class _WindowsMemory(ExecutableMemory):
 
     def __init__(self, image: Array) -> None:
         self._system = _kernel32()
-        self.address = (
-            self._system.VirtualAlloc(None, len(image), _RESERVE_AND_COMMIT, _READ_WRITE) or 0
-        )  # None for failure
+        address = self._system.VirtualAlloc(None, len(image), _RESERVE_AND_COMMIT, _READ_WRITE)
+        self.address = address or 0  # None for failure
         if not self.address:
             raise UnsupportedObject
         ctypes.memmove(self.address, image.ctypes.data, len(image))
@@ -79,7 +79,7 @@ def _process() -> Any:
 
 @cache
 def _kernel32() -> Any:
-    """Windows' functions for memory."""
+    """Library with Windows' functions for memory."""
     library = ctypes.CDLL("kernel32")
     library.VirtualAlloc.restype = ctypes.c_void_p
     library.VirtualAlloc.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32, ctypes.c_uint32]

@@ -36,15 +36,14 @@ _MIN_SAMPLES_PER_RESULT = 16
 class _Recursion:
     """Recursive filter y_n = d u_n + Re Σ_k r_k s_k, with s_k ← p_k s_k + u_n, as matrices for blocks of N samples.
 
-    Vectors of the states s_k contain the real parts of all, then the imaginary parts. Rows of samples are multiplied from the
-    left, as in states @ carried.
+    Vectors of the states s_k contain all real parts, then all imaginary parts. Vectors are rows, as in states @ state_map.
     """
 
-    within: Array
+    block_map: Array
     """(N, N + 2 k) map from a block's samples to its response and its final states, for zero initial states."""
-    carried: Array
+    state_map: Array
     """(2 k, 2 k) map from states to the states a block later, without samples."""
-    after: Array
+    state_response: Array
     """(2 k, N) map from the previous block's final states to a block's response."""
 
     @classmethod
@@ -53,34 +52,36 @@ class _Recursion:
         powers = poles[:, None] ** np.arange(_BLOCK_LENGTH + 1)
         h = (residues @ powers[:, :-1]).real
         h[0] += direct
-        lag = np.subtract.outer(np.arange(_BLOCK_LENGTH), np.arange(_BLOCK_LENGTH))
+        lag = np.subtract.outer(np.arange(_BLOCK_LENGTH), np.arange(_BLOCK_LENGTH))  # row minus column
         toeplitz = np.tril(h[np.abs(lag)])
         final_states = powers[:, _BLOCK_LENGTH - 1 :: -1]  # of a unit sample at each place in the block
         decay = np.diag(powers[:, -1])
         response = residues[:, None] * powers[:, 1:]  # to each initial state
         return cls(
-            within=np.concatenate([toeplitz, final_states.real, final_states.imag]).T.copy(),
-            carried=np.block([[decay.real, decay.imag], [-decay.imag, decay.real]]),
-            after=np.concatenate([response.real, -response.imag]),
+            block_map=np.concatenate([toeplitz, final_states.real, final_states.imag]).T.copy(),
+            state_map=np.block([[decay.real, decay.imag], [-decay.imag, decay.real]]),
+            state_response=np.concatenate([response.real, -response.imag]),
         )
 
     def __call__(self, u: Array) -> Array:
-        """Response (c, n) to samples u (c, n), with a constant signal before them."""
-        first = u[:, :1]
-        signals, n = u.shape
+        """Response (c, n) to samples u (c, n), if the signal was constant before the first sample."""
+        first_samples = u[:, :1]
+        signal_count, n = u.shape
         block_count = -(-n // _BLOCK_LENGTH)  # rounded up
-        blocks = np.zeros((signals, block_count, _BLOCK_LENGTH))
-        np.subtract(u, first, out=blocks.reshape(signals, -1)[:, :n])
-        responses = blocks @ self.within
+        blocks = np.zeros((signal_count, block_count, _BLOCK_LENGTH))
+        samples = blocks.reshape(signal_count, -1)[:, :n]  # a view
+        np.subtract(u, first_samples, out=samples)
+        responses = blocks @ self.block_map
         y, states = responses[..., :_BLOCK_LENGTH], responses[..., _BLOCK_LENGTH:]
-        # The final states of block b are Σ_i (states of block b - i) carried^i. Each round doubles the number of terms.
-        carried, term_count = self.carried, 1
-        while term_count < block_count and np.abs(carried).max() > _MIN_STATE:
-            states[:, term_count:] += states[:, :-term_count] @ carried
-            carried = carried @ carried
+        # The final states of block b are Σ_i (states of block b - i) state_map^i. Each round doubles the number of terms.
+        term_count = 1
+        power = self.state_map  # state_map^term_count
+        while term_count < block_count and np.abs(power).max() > _MIN_STATE:
+            states[:, term_count:] += states[:, :-term_count] @ power
+            power = power @ power
             term_count = 2 * term_count
-        y[:, 1:] += states[:, :-1] @ self.after
-        return y.reshape(signals, -1)[:, :n] + first
+        y[:, 1:] += states[:, :-1] @ self.state_response
+        return y.reshape(signal_count, -1)[:, :n] + first_samples
 
 
 @lru_cache(maxsize=32)
@@ -98,20 +99,20 @@ def _butterworth(ratio: float) -> _Recursion:
     g = float(one_minus_p.prod().real) / 16
     r = g * ((1 + p) / p) ** 4 / one_minus_ratio.prod(axis=1)
     direct = g / float(p.prod().real)
-    return _Recursion.from_modes(p[:2], 2 * r[:2], direct)  # the other two poles are the conjugates of these
+    return _Recursion.from_modes(p[:2], 2 * r[:2], direct)  # the other two poles are conjugate to the first two
 
 
 def low_pass(x: Array, cutoff: float, rate: float) -> Array:
-    """Zero-phase low-pass of samples (n, ...) with a cut-off [Hz]: filtered forward, then backward.
+    """Zero-phase low-pass of samples (n, ...): filtered forward, then backward. ``cutoff`` and ``rate`` in Hz.
 
-    Both ends are extended by odd reflection over three periods of the cut-off. Samples are unchanged if the cut-off
-    exceeds the Nyquist frequency.
+    Both ends are extended by odd reflection over three periods of the cut-off. Samples are unchanged if the cut-off is near
+    the Nyquist frequency or above it.
     """
     if cutoff >= _ALL_PASS * rate:
         return x
     butterworth = _butterworth(float(cutoff) / float(rate))
     n = len(x)
-    pad = min(n - 1, int(3 * rate / cutoff) + 1)
+    pad = min(n - 1, int(3 * rate / cutoff) + 1)  # number of samples added at each end
     columns = x.reshape(n, -1)
     result = np.empty(x.shape)
     result_columns = result.reshape(columns.shape)  # a view
@@ -128,10 +129,10 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
 
 
 def low_pass_at(x: Array, cutoff: float, rate: float, at: Array) -> Array:
-    """Samples of :func:`low_pass` of x (n, ...), at the indices ``at`` (k,) in increasing order.
+    """Results of :func:`low_pass` of x (n, ...), only at the indices ``at`` (k,) in increasing order.
 
-    If few samples are wanted, each is the sum of its neighbours times the impulse response, to 1e-12 of the size of ``x``.
-    Only samples near both ends are then filtered by recursion.
+    If few results are wanted, each is the sum of its neighbours times the impulse response, to 1e-12 of the size of ``x``.
+    Recursion is then used near both ends only.
     """
     n = len(x)
     reach = int(REACH * rate / cutoff) + 1  # samples on each side that influence a result
@@ -140,20 +141,22 @@ def low_pass_at(x: Array, cutoff: float, rate: float, at: Array) -> Array:
         return low_pass(x, cutoff, rate)[at]
     result = np.empty((len(at), *x.shape[1:]))
     columns, result_columns = x.reshape(n, -1), result.reshape(len(at), -1)
-    begin, end = np.searchsorted(at, [reach, n - reach]).tolist()  # results between them are far from both ends
+    # results from ``begin`` to ``end`` are far from both ends
+    begin, end = np.searchsorted(at, [reach, n - reach]).tolist()
     if begin:
         result_columns[:begin] = low_pass(columns[: 2 * reach], cutoff, rate)[at[:begin]]
     if end < len(at):
-        first = n - 2 * reach
-        result_columns[end:] = low_pass(columns[first:], cutoff, rate)[at[end:] - first]
+        first_sample = n - 2 * reach
+        result_columns[end:] = low_pass(columns[first_sample:], cutoff, rate)[at[end:] - first_sample]
     response = _zero_phase_response(float(cutoff) / float(rate), reach)
     while begin < end:  # results at indices within ``reach`` are computed together
         stop = int(np.searchsorted(at[:end], at[begin] + reach))
-        first = at[begin] - reach
-        T = np.zeros((stop - begin, at[stop - 1] + reach + 1 - first))
-        for row, start in zip(T, at[begin:stop] - reach - first, strict=True):
+        first_sample = at[begin] - reach
+        sample_count = at[stop - 1] + reach + 1 - first_sample
+        T = np.zeros((stop - begin, sample_count))  # impulse response of each result in its row
+        for row, start in zip(T, at[begin:stop] - reach - first_sample, strict=True):
             row[start : start + len(response)] = response
-        result_columns[begin:stop] = T @ columns[first : first + T.shape[1]]
+        result_columns[begin:stop] = T @ columns[first_sample : first_sample + sample_count]
         begin = stop
     return result
 
@@ -169,9 +172,9 @@ def _zero_phase_response(ratio: float, reach: int) -> Array:
 def lagged(x: Array, steps: float, before: Array | None = None) -> Array:
     """First-order low-pass of samples x (n, ...) with a time constant of ``steps`` steps.
 
-    The response before the first sample is ``before`` (...), by default that of a constant signal x[0].
+    The response before the first sample is ``before`` (...), by default x[0].
     """
-    a = np.exp(-1.0 / steps)
+    a = np.exp(-1.0 / steps)  # decay in a step
     first_order = _Recursion.from_modes(np.array([a]), np.array([1.0 - a]), 0.0)
     response = first_order(x.reshape(len(x), -1).T).T.reshape(x.shape)
     if before is None:

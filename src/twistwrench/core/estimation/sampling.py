@@ -31,7 +31,9 @@ _MIN_REGULAR_SHARE = 0.8
 _MAX_ROUNDING = 1e-9
 """Largest rounding error of a curve, as a share of its range, and of a standard deviation [rad, m]."""
 _MIN_COUNTS = 2.0
-"""Smallest usual displacement at a change, in least steps of the column: a slow encoder's counts repeat numbers too."""
+"""Smallest usual displacement at a change, in least steps of the column. Counts of a slow encoder repeat numbers, too."""
+_MAX_IRREGULARITY = 0.1
+"""Largest difference of an equal interval from the usual one, as a share; one row is always allowed."""
 
 
 class Gap(NamedTuple):
@@ -42,11 +44,11 @@ class Gap(NamedTuple):
     late: float
     """Delay [s] of positions after the step if all joints deviate in proportion to their speeds; otherwise nan."""
     held: int = 0
-    """Number of rows before the step that repeat an earlier one, if the step makes up for them; otherwise 0."""
+    """Number of rows before the step that repeat an earlier row, if the step makes up for them; otherwise 0."""
 
 
 def pauses(time: Array, min_length: float = 0.0) -> Array:
-    """Indices of steps that are longer than five typical ones and longer than ``min_length`` seconds."""
+    """Indices of steps that are longer than ``GAP`` typical steps and longer than ``min_length`` seconds."""
     steps = np.diff(time)
     if not len(steps):
         return np.zeros(0, int)
@@ -62,15 +64,18 @@ def new_rows(q: Array) -> Array | None:
     steps = np.abs(np.diff(q, axis=0))
     if len(steps) < _MIN_CHANGES * _MIN_ROWS_APART:
         return None
-    steps_of_fastest = steps[:, int(steps.sum(axis=0).argmax())]  # of the joint that moves most
+    fastest_joint = int(steps.sum(axis=0).argmax())
+    steps_of_fastest = steps[:, fastest_joint]
     least_step = float(steps_of_fastest[steps_of_fastest > 0].min(initial=np.inf))
     is_change = (steps > 0).any(axis=1)
     changes = np.pad(is_change, (1, 0))  # step i leads to row i + 1
-    if _have_equal_intervals(changes) and float(np.median(steps_of_fastest[is_change])) > _MIN_COUNTS * least_step:
-        return changes
+    if _have_equal_intervals(changes):
+        usual_change = float(np.median(steps_of_fastest[is_change]))
+        if usual_change > _MIN_COUNTS * least_step:
+            return changes
     rounding = _MAX_ROUNDING * np.ptp(q, axis=0).max()
     is_bend = (np.abs(np.diff(q, 2, axis=0)) > rounding).any(axis=1)
-    bends = np.pad(is_bend, 1)
+    bends = np.pad(is_bend, 1)  # second difference i is at row i + 1
     if _have_equal_intervals(bends):
         return bends
     return None
@@ -82,7 +87,7 @@ def _have_equal_intervals(rows: Array) -> bool:
     if len(intervals) < _MIN_CHANGES:
         return False
     usual_interval = float(np.median(intervals))
-    is_regular = np.abs(intervals - usual_interval) <= max(1.0, 0.1 * usual_interval)
+    is_regular = np.abs(intervals - usual_interval) <= max(1.0, _MAX_IRREGULARITY * usual_interval)
     return bool(usual_interval >= _MIN_ROWS_APART and is_regular.mean() >= _MIN_REGULAR_SHARE)
 
 
@@ -102,12 +107,16 @@ _MIN_RATIO_TO_NOISE = 10.0
 """Smallest variance of a curve that moves, relative to the variance of its white noise."""
 _MIN_STEPS_OFF_PATH = 3.0
 """Smallest |e| of a gap, in typical steps of a joint."""
+_MIN_LEAST_STEPS = 3.0
+"""Smallest |e| of a gap, in least steps of the column."""
+_MIN_SPEED_OF_MOVING = 0.02
+"""Smallest typical step of a joint that moves, relative to the fastest joint's."""
 _MIN_DEVIATIONS = 8.0
 """Smallest |e| of a gap, and smallest height of a spike, in standard deviations."""
 _ROWS_BESIDE = 5
 """Number of steps on either side that are compared with a gap."""
 _MAX_DEPARTURE_BESIDE = 0.5
-"""Largest |e| of these steps relative to the gap's; a single wrong row has two large ones side by side."""
+"""Largest |e| of these steps relative to |e| of the gap; a single wrong row has two large |e| side by side."""
 _MAX_STEP_AT_REST = 1e-3
 """Largest step to a repeated row, in typical steps."""
 _MAX_DISAGREEMENT = 0.35
@@ -120,19 +129,21 @@ def gaps(time: Array, q: Array) -> list[Gap]:
         return []
     h = np.diff(time)
     v = np.diff(q, axis=0) / h[:, None]
-    neighbours_v = 0.25 * (v[:-4] + v[1:-3] + v[3:-1] + v[4:])  # mean of two steps before and two after
+    neighbours_v = 0.25 * (v[:-4] + v[1:-3] + v[3:-1] + v[4:])  # mean speed of two steps before and two after
     e = (v[2:-2] - neighbours_v) * h[2:-2, None]
     typical_h = float(np.median(h))
     least_step = np.where(v != 0, np.abs(v) * h[:, None], np.inf).min(axis=0)
     typical_step = typical_h * np.sqrt(np.mean(v**2, axis=0))
     noise = MAD * np.median(np.abs(e), axis=0)
-    moving = typical_step > 0.02 * typical_step.max(initial=0.0)
-    bound = np.maximum(np.maximum(_MIN_STEPS_OFF_PATH * typical_step, _MIN_DEVIATIONS * noise), 3.0 * least_step)
+    moving = typical_step > _MIN_SPEED_OF_MOVING * typical_step.max(initial=0.0)  # mask of joints
+    bound = np.maximum(_MIN_STEPS_OFF_PATH * typical_step, _MIN_DEVIATIONS * noise)
+    bound = np.maximum(bound, _MIN_LEAST_STEPS * least_step)
     off_path = (np.abs(e) > bound) & moving
     min_joints = np.clip(moving.sum(), 1, 2)  # two joints, or one if only one moves
     candidates = off_path.sum(axis=1) >= min_joints
     # A pause in any of the five steps makes their speeds incomparable.
-    candidates &= ~np.lib.stride_tricks.sliding_window_view(h > GAP * typical_h, 5).any(axis=1)
+    is_pause = np.lib.stride_tricks.sliding_window_view(h > GAP * typical_h, 5)
+    candidates &= ~is_pause.any(axis=1)
     relative_e = e[:, moving] / typical_step[moving]
     relative_v = neighbours_v[:, moving] / typical_step[moving]
     relative_steps = np.diff(q, axis=0)[:, moving] / typical_step[moving]
@@ -153,23 +164,24 @@ def gaps(time: Array, q: Array) -> list[Gap]:
 
 
 def _held_row_count(step: int, steps: Array) -> int:
-    """Number of rows before a step that repeat an earlier one; 0 unless the step makes up for them.
+    """Number of rows before a step that repeat an earlier row; 0 unless the step makes up for them.
 
     ``steps`` (n, k) are all steps relative to typical ones.
     """
-    first = step
-    while first > 0 and np.abs(steps[first - 1]).max() <= _MAX_STEP_AT_REST:
-        first -= 1
+    held_count = 0
+    while held_count < step and np.abs(steps[step - held_count - 1]).max() <= _MAX_STEP_AT_REST:
+        held_count += 1
+    first = step - held_count  # first step at rest
     neighbours = [steps[k] for k in (first - 2, first - 1, step + 1, step + 2) if 0 <= k < len(steps)]
-    expected = (step - first + 1) * np.mean(neighbours, axis=0)  # the step's own motion, and that of the held rows
+    expected = (held_count + 1) * np.mean(neighbours, axis=0)  # motion of the step itself and of the held rows
     difference = steps[step] - expected
     if np.linalg.norm(difference) < _MAX_DISAGREEMENT * np.linalg.norm(steps[step]):
-        return step - first
+        return held_count
     return 0
 
 
 def held_rows(time: Array, gaps: Sequence[Gap]) -> Array:
-    """Mask (n,) of the rows at times (n,) that repeat an earlier one, by the gaps of :func:`gaps`."""
+    """Mask (n,) of the rows at times (n,) that repeat an earlier row, by the gaps of :func:`gaps`."""
     mask = np.zeros(len(time), bool)
     for gap in gaps:
         row = int(np.searchsorted(time, gap.time))
@@ -189,9 +201,9 @@ class LatePositions(NamedTuple):
 
 
 def late_by_turns(gaps: Sequence[Gap], begin: float, end: float) -> LatePositions | None:
-    """Delay of positions that alternate between late and on time from ``begin`` to ``end`` [s]; otherwise None.
+    """Delay of positions that alternate between late and on time from ``begin`` to ``end`` [s].
 
-    The delays at the gaps must have both signs and mostly similar sizes.
+    None unless the delays at the gaps have both signs and mostly similar sizes.
     """
     delays = np.array([gap.late for gap in gaps])
     if not ((delays > 0).any() and (delays < 0).any()):
@@ -204,7 +216,7 @@ def late_by_turns(gaps: Sequence[Gap], begin: float, end: float) -> LatePosition
     is_change = np.isfinite(delays)
     becomes_late = delays[is_change] > 0
     times = np.array([gap.time for gap in gaps])[is_change]
-    lengths = np.diff(np.concatenate([[begin], times, [end]]))
+    lengths = np.diff(np.concatenate([[begin], times, [end]]))  # of the intervals between changes
     late_at_start = np.concatenate([[not becomes_late[0]], becomes_late])
     late_at_end = np.concatenate([~becomes_late, [becomes_late[-1]]])
     late_throughout = float(lengths[late_at_start & late_at_end].sum())
@@ -221,7 +233,7 @@ def spikes(x: Array) -> Array:
         if (column != 0).any():
             step_deviation[k] = MAD * float(np.median(np.abs(column[column != 0])))
     bound = np.maximum(_MIN_DEVIATIONS * step_deviation, x.std(axis=0))
-    above_previous, above_next = steps[:-1], -steps[1:]
+    above_previous, above_next = steps[:-1], -steps[1:]  # height above either neighbour, with sign
     height = np.minimum(np.abs(above_previous), np.abs(above_next))
     is_spike = (height > bound) & (above_previous * above_next > 0)  # the same sign on both sides
     return np.pad(is_spike, ((1, 1), (0, 0)))
@@ -230,7 +242,7 @@ def spikes(x: Array) -> Array:
 _MIN_DROPOUT = 0.3
 """Smallest duration of a constant torque that is a dropout [s]."""
 _MIN_SHARE_OF_CHANGES = 0.8
-"""Smallest share of the other rows in which the torque changes."""
+"""Smallest share of the rows outside dropouts in which the torque changes."""
 _MIN_MOTION = 0.02
 """Smallest motion of the joint during a dropout, as a share of its range in the log."""
 _MAX_SHARE_UNPOWERED = 0.5

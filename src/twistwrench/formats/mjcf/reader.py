@@ -73,19 +73,21 @@ class _Reader:
         self.bodies = survey(root, self.settings, self.defaults)
         self.meshes = Meshes(root, self.settings, self.defaults, folders)
         self.names = names_given(self.bodies)
+        """Names that joints have in the file."""
         self.joints = [joints_of(body, self.settings, self.names) for body in self.bodies]
-        """Joints of each body, in its order in ``bodies``."""
+        """Joints of each body, in the order of ``bodies``."""
         self.joint_by_name: dict[str, MjcfJoint] = {}
         for joint in itertools.chain.from_iterable(self.joints):
-            first = self.joint_by_name.setdefault(joint.name, joint)
-            if first is not joint:
-                raise joint.element.error(f"has the name of {first.element}. Each joint needs a name of its own.")
+            first_joint = self.joint_by_name.setdefault(joint.name, joint)
+            if first_joint is not joint:
+                raise joint.element.error(f"has the name of {first_joint.element}. Each joint needs a name of its own.")
         self.poses = [IDENTITY]
         """Poses of all bodies in the world when all joints are at their reference."""
         for body in self.bodies[1:]:
             self.poses.append(product(self.poses[body.parent], body.T))
         self.kept_bodies = _indices_of_kept_bodies(self.bodies, keep)
         self.disabled = disabled_by(root)
+        """Names of the effects that the file turns off."""
 
     def read(self) -> tuple[ModelBuilder, bool]:
         """The builder, and True if its root floats."""
@@ -120,15 +122,18 @@ class _Reader:
         return builder, base_floats
 
     def _add_body(self, k: int, inertia: SpatialInertia) -> None:
+        """Add the link of body k, and its joints."""
         body = self.bodies[k]
         element = body.element
         self.builder.add_link(body.name, inertia, element.place, shaped=bool(body.geoms))
-        if element.floats("gravcomp", (0.0,))[0]:
+        gravity_compensation, *_ = element.floats("gravcomp", (0.0,))
+        if gravity_compensation:
             self.builder.note(element, LEFT_OUT["body/gravcomp"])
         for plugin in body.plugins:
             self.builder.note(plugin, LEFT_OUT["body/plugin"])
         joints = self.joints[k]
-        if joints and joints[0].kind == "floating" and self.floating_base is False:
+        is_free = bool(joints) and joints[0].kind == "floating"
+        if is_free and self.floating_base is False:
             joints = []
         if body.parent in self.kept_bodies:
             self._add_joints(joints, self.bodies[body.parent].name, body, body.T)
@@ -136,7 +141,7 @@ class _Reader:
             self._add_joints(joints, WORLD, body, self.poses[k])
 
     def _add_joints(self, joints: Sequence[MjcfJoint], parent: str, body: MjcfBody, T: Array) -> None:
-        """Add the joints from the parent's link to the body's. T (4, 4) is the body's pose in the parent at all references.
+        """Add the joints between the link ``parent`` and a body. T (4, 4) is the body's pose in the parent at all references.
 
         T_parent,body = T Π exp([S_i] (q_i - ref_i)), with screw axes S_i in the body's frame. The coordinates of a free joint
         are the body's pose itself.
@@ -144,7 +149,7 @@ class _Reader:
         if joints and joints[0].kind == "floating":
             T = IDENTITY
         for joint in joints:
-            T_before, T_after = IDENTITY, IDENTITY  # constant poses on both sides of the joint
+            T_before, T_after = IDENTITY, IDENTITY  # constant poses before and after the joint
             ends_at_body = joint is joints[-1]
             if joint.kind == "ball" and joint.point.any():  # turns about a point beside the origin of the body's frame
                 T_before = se3.pose(np.eye(3), joint.point)
@@ -164,7 +169,7 @@ class _Reader:
             self.builder.add_joint(name, "fixed", parent, body.name, placement=T, where=body.element.place)
 
     def _add_joint(self, joint: MjcfJoint, parent: str, child: str, T: Array) -> None:
-        """A joint with its drives and its spring."""
+        """Add a joint with its drives and its spring; T (4, 4) is its placement in the parent."""
         name, where, drives = joint.name, joint.element.place, self.drives
         for text in joint.remarks:
             self.builder.note(joint.who, text)
@@ -190,6 +195,7 @@ class _Reader:
             self.builder.add_spring({name: 1.0}, joint.stiffness, joint.rest, where=where)
 
     def _add_sites(self, body: MjcfBody) -> None:
+        """Add the sites of a body that have a name."""
         for site in body.sites:
             element = site.element
             name = element.attributes.get("name", "").strip()
@@ -216,11 +222,12 @@ class _Reader:
             self._add_keyframe(name, q, kept_joints)
 
     def _add_keyframe(self, name: str, q: Array, kept_joints: Set[str]) -> None:
+        """Add a configuration from the coordinates q of all joints, in MuJoCo's order."""
         positions: dict[str, Array] = {}
-        first = 0
+        first_coordinate = 0
         for joint in self.joint_by_name.values():
-            coordinates = q[first : first + COORDINATES[joint.kind]]
-            first += len(coordinates)
+            coordinates = q[first_coordinate : first_coordinate + COORDINATES[joint.kind]]
+            first_coordinate += len(coordinates)
             if joint.name in kept_joints:
                 if joint.kind == "floating":  # MuJoCo has the position before the quaternion
                     coordinates = np.concatenate([coordinates[3:], coordinates[:3]])
@@ -231,7 +238,7 @@ class _Reader:
 
 
 def _reference_coordinates(joint: MjcfJoint, T: Array) -> Array:
-    """Coordinates of a joint at its reference; T (4, 4) is the pose of its body there."""
+    """Coordinates of a joint at its reference; T (4, 4) is the pose of its body in the world."""
     if joint.single:
         return np.array([joint.reference])
     if joint.kind == "ball":
@@ -243,12 +250,12 @@ def _indices_of_kept_bodies(bodies: Sequence[MjcfBody], keep: str | None) -> dic
     """Indices of the bodies to read, in order, without the world. A dict keeps the order and finds an index quickly."""
     if keep is None:
         return dict.fromkeys(range(1, len(bodies)))
-    index_by_name = {body.name: k for k, body in enumerate(bodies) if k}
+    index_by_name = {body.name: k for k, body in enumerate(bodies) if k}  # body 0 is the world
     if keep not in index_by_name:
         raise UnknownNameError.from_choices("body to keep", keep, index_by_name)
-    first = index_by_name[keep]
-    kept = {first: None}
-    for k in range(first + 1, len(bodies)):  # parents come first
-        if bodies[k].parent in kept:
-            kept[k] = None
-    return kept
+    root = index_by_name[keep]
+    kept_indices = {root: None}
+    for k in range(root + 1, len(bodies)):  # parents come first
+        if bodies[k].parent in kept_indices:
+            kept_indices[k] = None
+    return kept_indices

@@ -32,7 +32,7 @@ _REMOVED_FUNCTIONS = ("type", "vars")
 
 
 def expand(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Dictionary with the expanded ``text``, or with the ``reason`` why there is none, and the ``declared`` arguments."""
+    """Dictionary with the ``declared`` arguments, and the expanded ``text`` or the ``reason`` why there is none."""
     import xacro
     import xacro.substitution_args as substitution
     from xacrodoc import packages
@@ -63,7 +63,7 @@ def expand(request: Mapping[str, Any]) -> dict[str, Any]:
 def _install_audit_hook() -> Bounds:
     """Audit hook of this process, installed once.
 
-    The hook refuses imports. So all modules and encodings that xacro would import later are imported here, before.
+    The hook refuses imports, so all modules and encodings that xacro needs later are imported here.
     """
     import xml.dom.expatbuilder
     import xml.dom.minidom
@@ -73,21 +73,21 @@ def _install_audit_hook() -> Bounds:
     import yaml  # noqa: F401
 
     for encoding in ("ascii", "utf-8", "utf-16", "latin-1", "cp1252", "iso8859-15"):
-        "".encode(encoding)
+        "".encode(encoding)  # imports the encoding
     xacro.parse = guarded_parse
     bounds = Bounds()
     sys.addaudithook(bounds)
     return bounds
 
 
-_MAX_REASON = 300
+_MAX_REASON_LENGTH = 300
 """Largest number of characters of a reason."""
 
 
 def reason_of(problem: BaseException) -> str:
     """Text of an error in one line: the cause, and the places in which it occurred, each once."""
-    chain: list[Any] = [problem]  # the error, its cause, the cause of this, …
-    while getattr(chain[-1], "exc", None) is not None:  # attribute of errors of xacro
+    chain: list[Any] = [problem]  # the error, its cause, the cause of its cause, …
+    while getattr(chain[-1], "exc", None) is not None:  # errors of xacro have their cause as ``exc``
         chain.append(chain[-1].exc)
     cause = chain[-1]
     if isinstance(cause, RecursionError):
@@ -103,10 +103,10 @@ def reason_of(problem: BaseException) -> str:
             parts.append(message)
     parts.append(_text_of_cause(cause))
     parts += [str(error.suffix) for error in reversed(chain) if getattr(error, "suffix", None)]  # places
-    distinct_parts = dict.fromkeys(parts)
-    text = " ".join(" ".join(distinct_parts).split()).rstrip(".")
-    if len(text) > _MAX_REASON:
-        return f"{text[:_MAX_REASON]}…"
+    joined_parts = " ".join(dict.fromkeys(parts))  # each part once
+    text = " ".join(joined_parts.split()).rstrip(".")  # in one line
+    if len(text) > _MAX_REASON_LENGTH:
+        return f"{text[:_MAX_REASON_LENGTH]}…"
     return text
 
 
@@ -116,10 +116,10 @@ def _text_of_cause(cause: Any) -> str:
         return str(cause.msg)
     if isinstance(cause, KeyError):
         return f"there is no {str(cause.args[0])!r}" if cause.args else "a name is missing"
-    message = cause
+    message = str(cause)
     if hasattr(cause, "suffix") and cause.args:  # an error of xacro, whose text would have the suffix too
-        message = cause.args[0]
-    return str(message) or "an expression fails"
+        message = str(cause.args[0])
+    return message or "an expression fails"
 
 
 class Arguments(dict[str, str]):
@@ -129,8 +129,8 @@ class Arguments(dict[str, str]):
         super().__init__(values)
         self.declared: list[str] = []
 
-    # xacro looks here for each argument that the file declares.
     def __contains__(self, name: object) -> bool:
+        """True for an argument with a value; xacro looks for each argument that the file declares, which is noted."""
         self.declared.append(str(name))
         return super().__contains__(name)
 
@@ -139,36 +139,40 @@ class Bounds:
     """Audit hook that allows to read files below some folders, up to a total size, and raises Refused for all else."""
 
     folders: Sequence[Path] = ()
-    most = 0
+    """Folders whose files may be read."""
+    max_bytes = 0
     """Allowed total size of the files read [bytes]."""
-    total = 0
+    read_bytes = 0
     """Size of the files read so far [bytes]."""
-    active = False
-    finding = False
-    """True while a package is searched: folders are listed, and files that name packages are read, anywhere."""
+    is_enforced = False
+    """True while events are checked."""
+    searches_package = False
+    """True while a package is searched: anywhere, folders may be listed and files that name packages may be read."""
 
     @contextmanager
-    def enforce(self, folders: Sequence[str], most: int) -> Iterator[None]:
-        """Refuse, until the block ends, all but files below the folders, of at most ``most`` bytes together."""
+    def enforce(self, folders: Sequence[str], max_bytes: int) -> Iterator[None]:
+        """Refuse, until the block ends, all but reading files below the folders, of at most ``max_bytes`` together."""
         self.folders = [Path(folder).resolve() for folder in folders]
-        self.most, self.total, self.active = most, 0, True
+        self.max_bytes = max_bytes
+        self.read_bytes = 0
+        self.is_enforced = True
         try:
             yield
         finally:
-            self.active = False
+            self.is_enforced = False
 
     @contextmanager
     def allow_package_files(self) -> Iterator[None]:
         """Allow, until the block ends, to list folders and to read files that name packages, anywhere."""
-        self.finding = True
+        self.searches_package = True
         try:
             yield
         finally:
-            self.finding = False
+            self.searches_package = False
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
         """Check one event of the interpreter."""
-        if not self.active or event in _HARMLESS_EVENTS:
+        if not self.is_enforced or event in _HARMLESS_EVENTS:
             return
         if event == "open":
             self._check_file(*args)
@@ -179,48 +183,48 @@ class Bounds:
 
     def allows(self, path: Path) -> bool:
         """True for a path below an allowed folder, after links are resolved."""
-        place = path.resolve()
-        return any(place.is_relative_to(folder) for folder in self.folders)
+        resolved_path = path.resolve()
+        return any(resolved_path.is_relative_to(folder) for folder in self.folders)
 
     def _check_file(self, name: Any, mode: str | None, flags: int) -> None:
         opens_path = isinstance(name, str | os.PathLike)  # otherwise a file descriptor
-        writes = flags & _WRITE_FLAGS or set(mode or "r") & set("wxa+")
+        writes = flags & _WRITE_FLAGS or set(mode or "r") & set("wxa+")  # events of os.open have flags but no mode
         if writes or not opens_path:
             raise Refused("a robot file may not write files")
         path = Path(name)
-        if self.finding and path.name in _PACKAGE_FILES:
+        if self.searches_package and path.name in _PACKAGE_FILES:
             return
         if not self.allows(path):
             raise Refused(f"it reads {str(path)[:200]!r}, which lies outside its folder and its package")
         if path.exists():
-            self.total += path.stat().st_size
-        if self.total > self.most:
-            raise Refused(f"the files it includes have more than {self.most // 2**20} MiB together")
+            self.read_bytes += path.stat().st_size
+        if self.read_bytes > self.max_bytes:
+            raise Refused(f"the files it includes have more than {self.max_bytes // 2**20} MiB together")
 
     def _check_folder(self, name: Any) -> None:
-        if not self.finding and not self.allows(Path(name)):
+        if not self.searches_package and not self.allows(Path(name)):
             raise Refused(f"it lists {str(name)[:200]!r}, which lies outside its folder and its package")
 
 
 class PackageFinder:
-    """Folders of packages: those around the file, then those of ``include_paths`` and of the environment of ROS."""
+    """Finds packages: first among the folders above the file, then in ``include_paths`` and the environment of ROS."""
 
-    def __init__(self, file: str | None, bounds: Bounds, elsewhere: Callable[[str], str]) -> None:
+    def __init__(self, file: str | None, bounds: Bounds, find_elsewhere: Callable[[str], str]) -> None:
         self.file = file
         self.bounds = bounds
-        self.elsewhere = elsewhere
-        """Function that finds a package that is not around the file."""
+        self.find_elsewhere = find_elsewhere
+        """Function that finds a package that is not above the file."""
 
     def __call__(self, name: str) -> str:
         """Folder of the package ``name``; raises Refused for one outside the folders that are searched."""
         with self.bounds.allow_package_files():
-            folder = self._find_around_file(name) or Path(self.elsewhere(name))
+            folder = self._find_around_file(name) or Path(self.find_elsewhere(name))
         if not self.bounds.allows(folder):
             raise Refused(f"the package {name!r} lies outside the folders that are searched")
         return str(folder)
 
     def _find_around_file(self, name: str) -> Path | None:
-        """Folder above the file that is the package ``name``, which may be read from now on; None if there is none."""
+        """Folder above the file that is the package ``name``; None without one. The folder may be read from now on."""
         if not self.file:
             return None
         for folder in Path(self.file).resolve().parents:
@@ -244,7 +248,7 @@ def package_name(folder: Path) -> str | None:
 
 
 def guarded_parse(source: str | None, filename: str | None = None) -> Any:
-    """Document of the text ``source``, or of a file if it is None, without entities; replaces ``xacro.parse``."""
+    """XML document of the text ``source``, or of the file if ``source`` is None. Replaces ``xacro.parse``; refuses entities."""
     import xml.dom.minidom
 
     import xacro
@@ -270,7 +274,7 @@ def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arg
     _evaluated_texts.clear()
     namespaces = [symbols, *(value for value in symbols.values() if isinstance(value, dict))]
     allowed_functions: set[int] = set()  # by identity
-    for namespace in namespaces:  # methods of dict, as xacro's subclasses replace them
+    for namespace in namespaces:  # with the methods of dict itself, since xacro's subclasses replace them
         for name in _REMOVED_FUNCTIONS:
             dict.pop(namespace, name, None)
         allowed_functions |= {id(value) for value in dict.values(namespace) if callable(value)}
@@ -316,6 +320,10 @@ def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arg
 def check_evaluation(xacro: Any) -> None:
     """Raise Refused if this version of xacro does not evaluate expressions by the functions of ``replace_evaluation``."""
     table = xacro.Table(xacro._global_symbols)
-    for text, expression, expected_value in (("${1 + 1}", "1 + 1", 2), ("$(eval 1 + 2)", "1 + 2", "3")):
+    examples = (  # text, expression in it, expected value
+        ("${1 + 1}", "1 + 1", 2),
+        ("$(eval 1 + 2)", "1 + 2", "3"),
+    )
+    for text, expression, expected_value in examples:
         if xacro.eval_text(text, table) != expected_value or _evaluated_texts[-1:] != [expression]:
             raise Refused("this version of xacro is not supported: it evaluates expressions in another way")

@@ -21,7 +21,7 @@ from numpy.polynomial import polynomial
 
 from ...core.typing import Array
 
-_ORDER = 5  # order of the polynomials: six conditions, three at each end
+_ORDER = 5  # order of the polynomials, which meet six conditions: three at each end
 
 
 @dataclass(frozen=True)
@@ -38,22 +38,22 @@ class WindowedFourierSeries:
 
     @cached_property
     def _rates(self) -> Array:
-        """(N,) angular frequencies k ω T = 2π k of the series as functions of x = t / T."""
+        """(N,) angular frequencies k ω T = 2π k of the sines and cosines as functions of x = t / T."""
         return 2.0 * np.pi * np.arange(1, self.harmonics + 1)
 
     @cached_property
-    def _ends(self) -> Array:
+    def _end_polynomials(self) -> Array:
         """(6, 2 N) coefficients of p_k, then of r_k, as polynomials in x = t / T."""
         w, n = self._rates, self.harmonics
         powers = np.eye(_ORDER + 1)
         derivatives = [powers, polynomial.polyder(powers, 1), polynomial.polyder(powers, 2)]
-        # rows: value, rate and acceleration at 0, and the same at T
+        # rows: value, rate and acceleration at x = 0, then value, rate and acceleration at x = 1
         conditions = np.array([polynomial.polyval(x, d) for x in (0.0, 1.0) for d in derivatives])
-        wanted = np.zeros((6, 2 * n))
-        wanted[[1, 4], :n] = w  # rates of sines
-        wanted[[0, 3], n:] = 1.0  # values of cosines
-        wanted[[2, 5], n:] = -(w**2)  # accelerations of cosines
-        return np.linalg.solve(conditions, wanted)
+        end_values = np.zeros((6, 2 * n))
+        end_values[[1, 4], :n] = w  # rates of sines
+        end_values[[0, 3], n:] = 1.0  # values of cosines
+        end_values[[2, 5], n:] = -(w**2)  # accelerations of cosines
+        return np.linalg.solve(conditions, end_values)
 
     def basis(self, t: Array) -> Array:
         """(3, n, 1 + 2 N) functions and their first and second derivatives at times (n,)."""
@@ -64,11 +64,11 @@ class WindowedFourierSeries:
         basis = np.zeros((3, len(x), self.count))
         basis[0, :, 0] = 1.0
         wave_derivatives = ((sin, cos), (cos * w, -sin * w), (-sin * w**2, -cos * w**2))
-        ends = self._ends
+        polynomials = self._end_polynomials
         for order, (of_sine, of_cosine) in enumerate(wave_derivatives):
-            basis[order, :, 1:] = np.concatenate([of_sine, of_cosine], axis=1) - polynomial.polyval(x, ends).T
+            basis[order, :, 1:] = np.concatenate([of_sine, of_cosine], axis=1) - polynomial.polyval(x, polynomials).T
             basis[order] /= self.duration**order  # derivatives by t instead of x
-            ends = polynomial.polyder(ends)
+            polynomials = polynomial.polyder(polynomials)
         is_at_rest = (t <= 0.0) | (t >= self.duration)
         basis[:, is_at_rest, 1:] = 0.0
         return basis

@@ -33,6 +33,8 @@ _MAX_SECONDS = 120.0
 """Largest total duration [s] of logs that are replayed; the begin of each longer one is used."""
 _MAX_SCALE = 3.0
 """Largest deviation of the logarithm of a scale."""
+_MIN_BODY_TORQUE = 1e-12
+"""Torque of bodies that replaces zero as a divisor [N m, N]."""
 _PRIOR_ODDS_OF_HELD = 10.0
 """Odds of held to straight commands before a log is evaluated: a bus holds them."""
 _MIN_ROWS = 12
@@ -95,17 +97,17 @@ def identify_servos(
     arm = _require_servo_arm(robot if isinstance(robot, Robot) else load(robot))
     if hold not in ("zero", "linear", "auto"):
         raise UnknownNameError.from_choices("hold", hold, ("zero", "linear", "auto"))
-    training_logs, test_logs = servo_logs(arm, logs, "logs"), servo_logs(arm, test, "test")
+    training_logs = servo_logs(arm, logs, "logs")
+    test_logs = servo_logs(arm, test, "test")
     if not training_logs:
         raise ShapeError("identify_servos: there is no log. Give one with commands at least.")
     report_progress = progress or (lambda _share: None)
-    moves = moving_joints(training_logs)
     known_values = dict(known or {})
     with one_blas_thread():
         known_logarithms = _known_logarithms(arm, known_values)
         fit, problem, change_by_hold = _fit_with_hold(arm, training_logs, hold, known_logarithms, report_progress)
-        # errors of the model widen the intervals
-        widened_fit = with_model_changes(fit, [change_by_hold, *_model_changes(arm, problem, fit)])
+        changes = [change_by_hold, *_model_changes(arm, problem, fit)]
+        widened_fit = with_model_changes(fit, changes)  # errors of the model widen the intervals
         report_progress(0.8)
         held_out_squares, kind = _held_out(problem, fit, test_logs)
     report_progress(1.0)
@@ -116,7 +118,7 @@ def identify_servos(
         held_out=_shares(arm, kind, *held_out_squares),
         trained=_shares(arm, "used rows", *training_squares),
         sizes=_typical_sizes(training_logs),
-        live=moves,
+        live=moving_joints(training_logs),
         known=known_values,
     )
     return replace(found, doubts=(*command_doubts(arm, training_logs), *fit_doubts(found, training_logs)))
@@ -140,12 +142,12 @@ def _require_servo_arm(robot: Robot) -> Robot:
     return robot
 
 
-def servo_logs(robot: Robot, given: Log | Sequence[Log], argument_name: str) -> list[ServoLog]:
-    """Logs of the argument ``logs`` or ``test``; raises ShapeError and ValueRangeError for those without commands."""
-    if isinstance(given, Motion | str | Path):
-        given = [given]
+def servo_logs(robot: Robot, sources: Log | Sequence[Log], argument_name: str) -> list[ServoLog]:
+    """Logs of the argument ``logs`` or ``test``; raises ShapeError and ValueRangeError for logs that cannot be used."""
+    if isinstance(sources, Motion | str | Path):
+        sources = [sources]
     logs = []
-    for k, log in enumerate(given, 1):
+    for k, log in enumerate(sources, 1):
         name = f"{argument_name} number {k}"
         motion = log if isinstance(log, Motion) else Motion.from_file(log, robot)
         if motion.robot.coordinate_names != robot.coordinate_names:
@@ -156,10 +158,11 @@ def servo_logs(robot: Robot, given: Log | Sequence[Log], argument_name: str) -> 
                 "Motion(…, command=…)."
             )
         # a joint without commands has nan in all rows
-        missing = [robot.model.velocity_names[j] for j in np.flatnonzero(np.isnan(motion.command[0]))]
-        if missing:
+        without_commands = np.flatnonzero(np.isnan(motion.command[0]))
+        joints = [robot.model.velocity_names[j] for j in without_commands]
+        if joints:
             raise ShapeError(
-                f"identify_servos: {name} has no commands of {listed(missing, 6)}. Lock these joints, or give their commands."
+                f"identify_servos: {name} has no commands of {listed(joints, 6)}. Lock these joints, or give their commands."
             )
         if len(motion) < _MIN_ROWS:
             raise ValueRangeError(f"identify_servos: {name} has {len(motion)} rows. Give at least {_MIN_ROWS}.")
@@ -170,15 +173,15 @@ def servo_logs(robot: Robot, given: Log | Sequence[Log], argument_name: str) -> 
 
 
 def _first_rows(logs: Sequence[ServoLog]) -> list[ServoLog]:
-    """First rows of each log, at most 120 s in total.
+    """First rows of each log, at most ``_MAX_SECONDS`` in total.
 
     Logs share the time equally. They are visited from the shortest to the longest, and longer logs share what a short one
     does not need.
     """
     remaining_seconds = _MAX_SECONDS
-    by_length = sorted(range(len(logs)), key=lambda k: float(logs[k].time[-1]))
-    end_times = dict[int, float]()
-    for done_logs, k in enumerate(by_length):
+    shortest_first = sorted(range(len(logs)), key=lambda k: float(logs[k].time[-1]))
+    end_times = dict[int, float]()  # by index of the log
+    for done_logs, k in enumerate(shortest_first):
         end_times[k] = min(float(logs[k].time[-1]), remaining_seconds / (len(logs) - done_logs))
         remaining_seconds -= end_times[k]
     shortened = list[ServoLog]()
@@ -191,7 +194,7 @@ def _first_rows(logs: Sequence[ServoLog]) -> list[ServoLog]:
 
 
 def _known_logarithms(robot: Robot, known: Mapping[str, float]) -> dict[int, float]:
-    """Logarithms of known values by the index of the unknown; raises UnknownNameError, ValueRangeError."""
+    """Logarithms of known values, by index of the unknown; raises UnknownNameError, ValueRangeError."""
     names = [f"{joint}.{name}" for joint in robot.model.velocity_names for name in QUANTITIES]
     logarithms = dict[int, float]()
     for name, value in known.items():
@@ -216,14 +219,14 @@ def _fit_with_hold(
     first_hold: Hold = "linear" if hold == "linear" else "zero"
     initial, _ = linear_start(robot, logs, first_hold)
     free = np.ones(len(initial), bool)
-    count = len(QUANTITIES)  # unknowns of a joint, of which the last is kp
+    count = len(QUANTITIES)  # number of unknowns of a joint; the last one is kp
     for k, logarithm in known_logarithms.items():
         is_kp = k % count == count - 1
         if is_kp:  # keep the ratios of the joint's other values to kp, which are better determined than the values
             initial[k + 1 - count : k + 1] += logarithm - initial[k]
         initial[k] = logarithm
         free[k] = False
-    report_progress(0.1)
+    report_progress(0.1)  # shares of the usual time
     replay = ServoReplay(robot, logs, first_hold, ServoReplay.step_of(initial))
     problem = OutputErrorProblem.from_logs(replay, initial, free)
     fit = problem.solve(initial)
@@ -246,22 +249,22 @@ def _fit_with_hold(
 def _model_changes(robot: Robot, problem: OutputErrorProblem, fit: OutputErrorFit) -> list[Array]:
     """Changes of the unknowns by errors of the model: half the integrator's step, other laws of friction, other scales.
 
-    Only the torque of a joint's bodies determines the scale of its values, as far as armature and friction cannot replace
-    it. The fit may leave more of the joint's torque unexplained than the encoder's error. The torque of the bodies may then
-    be wrong by this excess in each block of time, and the scale by the mean over all blocks.
+    Only the torque of a joint's bodies that armature and friction cannot replace determines the scale of its values. The fit
+    may leave more of the joint's torque unexplained than the encoder's error. The torque of the bodies may then be wrong by
+    this excess in each block of time, and the scale by the mean over all blocks.
     """
     half_step_replay = replace(fit.replay, step=0.5 * fit.replay.step)
     r, J = problem.linearise(fit.p)
     changes = [problem.change(fit, half_step_replay)]
     changes += [problem.law_change(fit, law, r, J) for law in LAWS]
     residual_squares, _ = _sums_of_squares(fit.replay.logs, problem.used, fit)
-    rows = sum(len(e) for e in fit.residuals)
-    excess_squares = np.maximum(residual_squares - rows * fit.sigma**2, 0.0)
+    row_count = sum(len(e) for e in fit.residuals)
+    excess_squares = np.maximum(residual_squares - row_count * fit.sigma**2, 0.0)
     values = np.exp(fit.p[:-1].reshape(-1, len(QUANTITIES)))
     kp = values[:, -1]
-    unexplained_torques = kp * np.sqrt(excess_squares / rows / (fit.freedom + 1.0))
+    unexplained_torques = kp * np.sqrt(excess_squares / row_count / (fit.freedom + 1.0))
     body_torques = scale_determining_torques(robot, fit.replay.logs)
-    scale_errors = unexplained_torques / np.maximum(body_torques, 1e-12)
+    scale_errors = unexplained_torques / np.maximum(body_torques, _MIN_BODY_TORQUE)
     return [*changes, *problem.scale_changes(fit, J, np.minimum(scale_errors, _MAX_SCALE))]
 
 
@@ -290,7 +293,8 @@ def _held_out(
 
 def _sums_of_squares(logs: Sequence[ServoLog], used: Sequence[Array], fit: OutputErrorFit) -> tuple[Array, Array]:
     """Sums of squares (nv,) of the fit's residuals, and of the tracking error c(t - δ) - q in the same rows."""
-    residual_squares, error_squares = np.zeros(len(fit.sigma)), np.zeros(len(fit.sigma))
+    residual_squares = np.zeros(len(fit.sigma))
+    error_squares = np.zeros(len(fit.sigma))
     delay = fit.p[-1]
     for log, rows, residuals in zip(logs, used, fit.residuals, strict=True):
         c = log.mean_command(log.time[rows] - delay, fit.replay.step, fit.replay.hold)
@@ -312,8 +316,8 @@ def _typical_sizes(logs: Sequence[ServoLog]) -> Array:
         speeds_of_logs.append(speeds)
         accelerations_of_logs.append(np.gradient(speeds, log.time, axis=0))
     ddq, dq = np.concatenate(accelerations_of_logs), np.concatenate(speeds_of_logs)
-    rms = [np.sqrt((x**2).mean(axis=0)) for x in (ddq, dq)]
-    return np.stack([*rms, np.ones(len(rms[0]))], axis=1)
+    rms_acceleration, rms_speed = (np.sqrt((x**2).mean(axis=0)) for x in (ddq, dq))
+    return np.stack([rms_acceleration, rms_speed, np.ones(len(rms_speed))], axis=1)
 
 
 def simulated_servo_log(
@@ -365,7 +369,7 @@ def simulated_servo_log(
     c = (amplitudes * sines).sum(axis=1)
     values = [np.broadcast_to(np.asarray(x, float), (nv,)) for x in (armature, damping, coulomb, kp)]
     p = np.append(np.log(np.stack(values, axis=1)).ravel(), delay)  # unknowns as ServoReplay orders them
-    log = ServoLog(time, c, c, np.zeros(nv))  # a replay needs its commands, not its positions
+    log = ServoLog(time, c, c, np.zeros(nv))  # the commands stand in for positions, which a replay does not need
     replay = ServoReplay(arm, [log], "zero", 0.5 * ServoReplay.step_of(p))
     (q,) = replay.positions(p[None])
     quantum = 2.0 * np.pi / 2.0**bits  # of the encoders [rad]

@@ -31,7 +31,7 @@ _ROUNDING = 1e-9
 
 
 def excitation_view(found: ExcitingMotion) -> Iterator[Block]:
-    """Verdict, closest links, heading, one row per joint, what a log determines, and one row per group."""
+    """Verdict, closest links, heading, joints, groups that a log determines well, and all groups in the full form."""
     yield from _verdict_blocks(found)
     if found.clearance is not None:
         yield from found.clearance.lines
@@ -53,15 +53,17 @@ def excitation_view(found: ExcitingMotion) -> Iterator[Block]:
 
 def _verdict_blocks(found: ExcitingMotion) -> Iterator[Block]:
     """Verdict with its reasons, one per line, and the least distances."""
-    obstacles = {"itself": "of capsules around links from each other", "floor": "from the floor"}
-    distances = [f"{number(1000.0 * distance)} mm {obstacles[name]}" for name, distance in found.clearances.items()]
+    obstacle_texts = {"itself": "of capsules around links from each other", "floor": "from the floor"}
+    distances = [
+        f"{number(1000.0 * distance)} mm {obstacle_texts[name]}" for name, distance in found.clearances.items()
+    ]
     summary = f"least distances: {', '.join(distances)}" if distances else "nothing can touch"
-    first, *others = found.verdict.reasons or (summary,)
-    yield Headline(found.verdict.word, f"{first}.")
-    for k, reason in enumerate(others):
+    headline, *other_reasons = found.verdict.reasons or (summary,)
+    yield Headline(found.verdict.word, f"{headline}.")
+    for k, reason in enumerate(other_reasons):
         yield Line(f"  - {reason}.", level=Level.SHORT if k < _MAX_REASONS else Level.ALL)
-    if len(others) > _MAX_REASONS:
-        yield More(f"{len(others) - _MAX_REASONS} more reasons")
+    if len(other_reasons) > _MAX_REASONS:
+        yield More(f"{len(other_reasons) - _MAX_REASONS} more reasons")
     if found.verdict.reasons and distances:
         yield f"{summary[0].upper()}{summary[1:]}."
 
@@ -78,17 +80,17 @@ def _shares(peaks: Array, limits: Array) -> list[float | None]:
 def _joint_table(found: ExcitingMotion) -> Table:
     """Range, peaks and shares of the limits of each joint; the short form has the joints nearest to their limits."""
     robot, peaks, degrees = found.robot, found.peaks, found.degrees
-    turning = Coordinates.from_model(robot.model).angular_velocity
-    factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
-    position_unit = heading_unit("q", turning, degrees=degrees)
-    velocity_unit = heading_unit("dq", turning, degrees=degrees)
-    acceleration_unit = heading_unit("ddq", turning, degrees=degrees)
-    torque_unit = heading_unit("tau", turning, degrees=degrees)
+    is_angular = Coordinates.from_model(robot.model).angular_velocity
+    factor = np.where(is_angular & degrees, math.degrees(1.0), 1.0)
+    position_unit = heading_unit("q", is_angular, degrees=degrees)
+    velocity_unit = heading_unit("dq", is_angular, degrees=degrees)
+    acceleration_unit = heading_unit("ddq", is_angular, degrees=degrees)
+    torque_unit = heading_unit("tau", is_angular, degrees=degrees)
     velocity_shares = _shares(peaks["velocity"], robot.limits.velocity)
     torque_shares = _shares(peaks["torque"], robot.limits.effort)
     largest_shares = []
     for velocity_share, torque_share in zip(velocity_shares, torque_shares, strict=True):
-        largest_shares.append(max(velocity_share or 0.0, torque_share or 0.0))
+        largest_shares.append(max(velocity_share or 0.0, torque_share or 0.0))  # a share without a limit counts as 0
     return Table(
         "",
         words("joint", robot.model.velocity_names, fold=False),
@@ -105,21 +107,22 @@ def _joint_table(found: ExcitingMotion) -> Table:
 
 
 def _information_lines(found: ExcitingMotion) -> Iterator[Line]:
-    """Number of groups that a log of the motion determines well, compared with the file's values, and the worst of them."""
+    """Number of groups that a log determines well, relative to the file's values, and the worst one. Empty if all are 0."""
     base = found.information.base
     values = np.abs(base.project(base.unknown.file_values))
     has_value = values > _ROUNDING * found.information.prior
-    shares = np.where(has_value, found.predicted_deviations / np.where(has_value, values, 1.0), 0.0)
+    divisors = np.where(has_value, values, 1.0)
+    shares = np.where(has_value, found.predicted_deviations / divisors, 0.0)
     count = int(has_value.sum())
     if not count:
         return
     worst = int(shares.argmax())
     accuracy = "not at all" if shares[worst] > 1.0 else f"to {percent(shares[worst], 2)}"
-    zeros = f"; {len(values) - count} groups are 0 there" if count < len(values) else ""
+    zeros_text = f"; {len(values) - count} groups are 0 there" if count < len(values) else ""
     good_count = int((shares[has_value] < _MAX_GOOD_DEVIATION).sum())
     yield Line(
         f"A log of it determines {good_count} of {count} groups to better than 10 % of the file's value"
-        f"{zeros}. Worst: {found.groups[worst]} ({accuracy})."
+        f"{zeros_text}. Worst: {found.groups[worst]} ({accuracy})."
     )
     if shares[worst] > _MAX_GOOD_DEVIATION:
         yield Line("→ A longer duration, or several logs of the motion, determine more.")
@@ -129,7 +132,8 @@ def _group_table(found: ExcitingMotion) -> Table:
     """Value in the file and predicted deviation of each group."""
     base = found.information.base
     units = [unit.replace("^2", "²") for unit in group_units(found.groups, found.robot.model)]
-    column = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
+    all_units = ", ".join(dict.fromkeys(units))  # each unit once
+    column = partial(numbers, unit=all_units, headed=False)
     return Table(
         f"{base.count} groups of parameters, and how sure a log of the motion makes them",
         words("group", found.groups),

@@ -14,6 +14,7 @@ from ...core.answers.blocks import Block, Column, Headline, Level, Line, More, T
 from ...core.colours import Style
 from ...core.numbers import MISSING, estimate, number, percent, plus_minus
 from ...core.text import listed
+from ...core.typing import Array
 from ...core.verdict import Word
 from ...mechanics.joints.units import heading_unit
 from ...motion.coordinates import Coordinates
@@ -27,12 +28,16 @@ if TYPE_CHECKING:
 
 _HELD_OUT_TEXTS = {"test": "in the test logs", "five-fold": "in 5-fold cross-validation over time"}
 """Text by kind of held-out rows."""
-_MAX_NAMES, _MAX_DOUBTS, _MAX_ROWS = 5, 4, 12
-"""Largest numbers of names in a sentence, and of doubts and table rows in the short form."""
+_MAX_NAMES = 5
+"""Largest number of names in a sentence."""
+_MAX_REMARKS = 4
+"""Largest number of doubts and notes in the short form."""
+_MAX_ROWS = 12
+"""Largest number of rows of a table in the short form."""
 _MAX_LINES = 45
 """Number of lines of the short form."""
 _OTHER_LINES = 17
-"""Lines of the short form that are neither doubts nor rows of tables."""
+"""Lines of the short form that are neither remarks nor rows of tables."""
 _MIN_ROWS = 4
 """Rows of a table that the short form has in any case."""
 _LINE_WIDTH = 74
@@ -42,28 +47,30 @@ _LAW_TITLES = {"coulomb": "Coulomb", "viscous": "viscous", "stribeck": "static e
 
 
 def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
-    """Verdict, doubts, bodies and joints; settings, groups and what no log determines in the full form."""
-    must_look = found.verdict.word is Word.LOOK_AGAIN
+    """Verdict, doubts, bodies and joints; in the full form also settings, groups and quantities that no log determines."""
+    contradicts_itself = found.verdict.word is Word.LOOK_AGAIN
     bodies_level = Level.SHORT
-    if must_look or found.payload is not None:  # bodies are not trustworthy, or not of interest
+    if contradicts_itself or found.payload is not None:  # bodies are not trustworthy, or not of interest
         bodies_level = Level.ALL
-    changes = found.body_changes if found.base.unknown.bodies else None
-    further: list[Line] = []
-    if changes is not None and changes.tool is not None and not must_look:
-        further = [Line(tool_sentence(changes))]
-    yield Headline(found.verdict.word, _headline(found), further=further)
+    bodies_are_unknown = bool(found.base.unknown.bodies)
+    changes = found.body_changes if bodies_are_unknown else None
+    tool_lines: list[Line] = []
+    if changes is not None and changes.tool is not None and not contradicts_itself:
+        tool_lines = [Line(tool_sentence(changes))]
+    yield Headline(found.verdict.word, _headline(found), further=tool_lines)
     remarks = _remarks(found)
     yield from remarks
-    if len(remarks) > _MAX_DOUBTS:
-        yield More(f"{len(remarks) - _MAX_DOUBTS} more doubts and notes")
+    if len(remarks) > _MAX_REMARKS:
+        yield More(f"{len(remarks) - _MAX_REMARKS} more doubts and notes")
     if found.payload is not None:
         yield from _payload_lines(found.payload)
-    max_rows = _rows_that_fit(remarks[:_MAX_DOUBTS])
+    max_rows = _rows_that_fit(remarks[:_MAX_REMARKS])
     if changes is not None:
         yield _body_table(changes, bodies_level, max_rows)
     yield _joint_table(found, max_rows)
     if changes is not None and bodies_level is Level.SHORT:
-        yield Line((f"● is certain (two standard deviations). {_open_groups(found)}".strip(), Style.QUIET))
+        sentences = f"● is certain (two standard deviations). {_open_groups(found)}"
+        yield Line((sentences.strip(), Style.QUIET))  # there may be no open groups
     if "gain-of-all" in found.undetermined:
         yield Line(
             "→ Weigh a payload, or hold one known mass: if all torques are wrong by one factor, this log cannot show it."
@@ -75,13 +82,13 @@ def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
 
 
 def _remarks(found: IdentifiedRobot) -> list[Line]:
-    """Doubts and notes; the short form has the first four."""
+    """Doubts and notes; the short form has the first ``_MAX_REMARKS``."""
     lines: list[Line] = []
     for doubt in found.doubts:
         style = Style.OVER if doubt.refuses else ""
         lines.append(Line((f"• {doubt.sentence}", style)))
     lines += [Line(note) for note in found.notes]
-    for line in lines[_MAX_DOUBTS:]:
+    for line in lines[_MAX_REMARKS:]:
         line.level = Level.ALL
     return lines
 
@@ -96,15 +103,16 @@ def _payload_lines(payload: IdentifiedPayload) -> Iterator[str]:
 
 
 def _headline(found: IdentifiedRobot) -> str:
-    """Share of the torques that the robot predicts, and the worst joint."""
-    share, where = percent(found.held_out.all, 3), _HELD_OUT_TEXTS[found.held_out.kind]
-    joint = ""
+    """Unexplained share of the torques, and the worst of several joints."""
+    share_text = percent(found.held_out.all, 3)
+    rows_text = _HELD_OUT_TEXTS[found.held_out.kind]
+    worst_text = ""
     if found.worst is not None and len(found.held_out.joints) > 1:
         name, worst_share = found.worst
-        joint = f" (worst joint {name}, {percent(worst_share, 3)})"
+        worst_text = f" (worst joint {name}, {percent(worst_share, 3)})"
     if found.verdict.ok:
-        return f"predicts torques to {share}{joint}, {where}."
-    return f"{share} of the torques unexplained{joint}, {where}."
+        return f"predicts torques to {share_text}{worst_text}, {rows_text}."
+    return f"{share_text} of the torques unexplained{worst_text}, {rows_text}."
 
 
 _MOTIONS = {
@@ -118,43 +126,45 @@ _MOTIONS = {
 
 
 def _open_groups(found: IdentifiedRobot) -> str:
-    """Sentence on groups that leave torques of another motion open, with a motion that determines the largest of them.
+    """Sentence on groups that are too uncertain to predict another motion's torques, and a motion that determines the worst.
 
     Empty without such groups.
     """
     groups = found.open_for_torques
     if not groups:
         return ""
-    name, (joint, share) = next(iter(groups.items()))
-    (parameter,) = first_parameters([name])
+    worst_group, (joint, share) = next(iter(groups.items()))  # the groups are sorted, worst first
+    (parameter,) = first_parameters([worst_group])
     _, _, kind = parameter.rpartition(".")
     motion = _MOTIONS.get(kind, "far and fast")
-    count = "1 group leaves" if len(groups) == 1 else f"{len(groups)} groups leave"
-    largest = f"most {parameter} ({percent(share, 2)} at {joint})"
-    return f"{count} more than 2 % of another motion's torques open, {largest}: move {joint} {motion}."
+    groups_text = "1 group leaves" if len(groups) == 1 else f"{len(groups)} groups leave"
+    worst_text = f"most {parameter} ({percent(share, 2)} at {joint})"
+    return f"{groups_text} more than 2 % of another motion's torques open, {worst_text}: move {joint} {motion}."
 
 
 def tool_sentence(changes: BodyChanges) -> str:
     """Question about the body that alone explains the log."""
     tool = changes.tool
     assert tool is not None
-    comparison, question = "less", "does the robot lack a tool?"
     if tool.mass > 0:
         comparison, question = "more", "is a tool mounted?"
+    else:
+        comparison, question = "less", "does the robot lack a tool?"
     return f"{tool.link} weighs {number(abs(tool.mass), 2)} kg {comparison} than in the file: {question}"
 
 
 def _rows_that_fit(lines: Sequence[Line]) -> int:
-    """Number of rows of each of two tables for which the short form has room, besides these lines."""
+    """Number of rows for which the short form has room beside ``lines``, in each of its two tables."""
     printed_lines = 0
     for line in lines:
-        length = sum(map(len, _texts(line)))
+        length = sum(map(len, _piece_texts(line)))
         printed_lines += -(-length // _LINE_WIDTH)  # rounded up
-    rows = (_MAX_LINES - _OTHER_LINES - printed_lines) // 2
-    return max(_MIN_ROWS, min(_MAX_ROWS, rows))
+    rows_per_table = (_MAX_LINES - _OTHER_LINES - printed_lines) // 2
+    return max(_MIN_ROWS, min(_MAX_ROWS, rows_per_table))
 
 
-def _texts(line: Line) -> list[str]:
+def _piece_texts(line: Line) -> list[str]:
+    """Texts of a line without their styles; a piece is a text, or a text and its style."""
     return [piece if isinstance(piece, str) else piece[0] for piece in line.pieces]
 
 
@@ -167,11 +177,11 @@ def _thresholds(found: ResidualThreshold) -> Iterator[Block]:
 
 
 def _body_table(changes: BodyChanges, level: Level, max_rows: int) -> Table:
-    """Masses in the file and identified, and moves of the centres of mass; sure changes have a mark."""
+    """Masses in the file and identified, and moves of the centres of mass; sure changes have a mark. Last row: all links."""
     file_masses = [*changes.before.tolist(), float(changes.before.sum())]
     masses = [*changes.masses.tolist(), float(changes.masses.sum())]
-    is_heavier = [*changes.is_heavier.tolist(), changes.is_sum_heavier]
-    mass_cells = [_change(mass, _kilograms(mass), is_sure=sure) for mass, sure in zip(masses, is_heavier, strict=True)]
+    are_sure = [*changes.is_heavier.tolist(), changes.is_sum_heavier]
+    mass_cells = [_change(mass, _kilograms(mass), is_sure=sure) for mass, sure in zip(masses, are_sure, strict=True)]
     distances_mm = 1e3 * changes.moved
     moved_cells = [_change(x, is_sure=bool(sure)) for x, sure in zip(distances_mm, changes.is_moved, strict=True)]
     mass_changes = np.abs(changes.masses - changes.before).tolist()
@@ -183,20 +193,21 @@ def _body_table(changes: BodyChanges, level: Level, max_rows: int) -> Table:
         numbers("centre moved", [*moved_cells, MISSING], unit="mm"),
         level=level,
         most=max_rows,
-        by=[*mass_changes, math.inf],  # the row of all links always stays
+        by=[*mass_changes, math.inf],  # largest changes first; the row of all links always stays
         of_limits=False,
     )
 
 
-def _kilograms(value: float) -> str:
-    return number(value, decimals=3)
+def _kilograms(mass: float) -> str:
+    return number(mass, decimals=3)
 
 
 def _change(value: float, text: str = "", *, is_sure: bool) -> Any:
-    """Cell of a table: a sure value has a mark, another one is quiet; ``text`` replaces one decimal."""
+    """Cell of a table: a sure value has a mark, another one is quiet. Without ``text``, one decimal is shown."""
     if not math.isfinite(value):
         return MISSING
-    text = text or number(value, decimals=1)
+    if not text:
+        text = number(value, decimals=1)
     if is_sure:
         return Line(f"● {text}", value=value)
     return Line((text, Style.QUIET), value=value)
@@ -204,44 +215,47 @@ def _change(value: float, text: str = "", *, is_sure: bool) -> Any:
 
 def _joint_table(found: IdentifiedRobot, max_rows: int) -> Table:
     """Friction of each joint, and the unexplained share of its torque."""
-    shares, names = found.held_out.joints, list(found.held_out.joints)
-    turning = Coordinates.from_model(found.original.model).angular_velocity
+    shares = found.held_out.joints
+    names = list(shares)
+    is_angular = Coordinates.from_model(found.original.model).angular_velocity
     columns: list[Column] = []
     if found.payload is None:
         for law, title in _LAW_TITLES.items():
-            friction = found.consistent.of_joints(law)
-            if friction:
+            values_by_joint = found.consistent.of_joints(law)
+            if values_by_joint:
                 quantity = "tau/dq" if law == "viscous" else "tau"
-                values = [friction.get(name, MISSING) for name in names]
-                columns.append(numbers(title, values, unit=_unit(quantity, turning)))
+                values = [values_by_joint.get(name, MISSING) for name in names]
+                columns.append(numbers(title, values, unit=_unit(quantity, is_angular)))
     if found.offsets:
-        offsets = [found.offsets.get(name) or MISSING for name in names]  # 0 stands for an interval around 0
-        columns.append(numbers("offset", offsets, unit=_unit("tau", turning)))
+        # an offset of 0 stands for an interval that contains 0, which is shown as missing too
+        offsets = [found.offsets.get(name) or MISSING for name in names]
+        columns.append(numbers("offset", offsets, unit=_unit("tau", is_angular)))
+    share_values = list(shares.values())
     return Table(
         "",
         words("joint", names),
         *columns,
-        numbers("unexplained", shares.values(), lambda share: percent(share, 3)),
+        numbers("unexplained", share_values, lambda share: percent(share, 3)),
         most=max_rows,
-        by=np.nan_to_num(list(shares.values()), posinf=math.inf).tolist(),
+        by=np.nan_to_num(share_values, posinf=math.inf).tolist(),  # largest first; nan counts as 0
         of_limits=False,
     )
 
 
-def _unit(quantity: str, turning: Any) -> str:
-    """Unit of a torque, or of a torque by a speed."""
+def _unit(quantity: str, is_angular: Array) -> str:
+    """Units of "tau", or of "tau/dq", of velocities of which some are angular (mask)."""
     if quantity == "tau":
-        return heading_unit("tau", turning)
+        return heading_unit("tau", is_angular)
     units = []
-    if turning.any():
+    if is_angular.any():
         units.append("N m s/rad")
-    if not turning.all():
+    if not is_angular.all():
         units.append("N s/m")
     return ", ".join(units)
 
 
 def _details(found: IdentifiedRobot) -> Iterator[Block]:
-    """Settings, residuals, groups with their intervals, bodies, and quantities that no log determines."""
+    """Blocks of the full form; each line gets its level here."""
     for block in _full_form(found):
         if isinstance(block, str):
             yield Line(block, level=Level.ALL)
@@ -250,21 +264,24 @@ def _details(found: IdentifiedRobot) -> Iterator[Block]:
 
 
 def _full_form(found: IdentifiedRobot) -> Iterator[str | Table]:
-    """Lines and tables that stand in the full form alone."""
+    """Settings, residuals, groups with their intervals, bodies, and quantities that no log determines."""
     yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
-    torque_unit = heading_unit("tau", Coordinates.from_model(found.original.model).angular_velocity)
+    is_angular = Coordinates.from_model(found.original.model).angular_velocity
+    torque_unit = heading_unit("tau", is_angular)
     yield Table(
         "Unexplained share of the torques, in rows held out",
         words("joint", found.held_out.joints),
         numbers("held out", found.held_out.joints.values(), lambda share: percent(share, 3)),
-        numbers("size", found.sigma, unit=torque_unit),
+        numbers("size", found.sigma, unit=torque_unit),  # standard deviation of the residuals
         level=Level.ALL,
     )
     yield _groups_table(found)
-    if any(".mc" in name for name in first_parameters(found.groups)):
+    has_mass_moment = any(".mc" in name for name in first_parameters(found.groups))
+    if has_mass_moment:
         yield "mcx, mcy, mcz: mass times the coordinates of the centre of mass. A sum has the unit of its first term."
-    if found.base.held.any():
-        yield f"{int(found.base.held.sum())} parameters were held at known values"
+    held_count = int(found.base.held.sum())
+    if held_count:
+        yield f"{held_count} parameters were held at known values"
     poor_groups = first_parameters(found.poorly_determined)
     if poor_groups:
         names = listed(poor_groups, _MAX_NAMES, "; ")
@@ -278,7 +295,7 @@ def _full_form(found: IdentifiedRobot) -> Iterator[str | Table]:
 
 
 def _groups_table(found: IdentifiedRobot) -> Table:
-    """Row for each group that is not held at a known value."""
+    """Table of the groups that are not held at a known value, with their 95 % intervals."""
     free = np.flatnonzero(~found.base.held)
     values, deviations = found.values[free], found.standard_deviations[free]
     value_cells: list[Line] = []
@@ -287,9 +304,11 @@ def _groups_table(found: IdentifiedRobot) -> Table:
         value_text, deviation_text = estimate(value, deviation)
         value_cells.append(Line(value_text, value=value))
         deviation_cells.append(Line(deviation_text, value=deviation))
-    low, high = found.interval()[free].T
+    intervals = found.interval()[free]
+    low, high = intervals.T
     units = [found.units[k].replace("^2", "²") for k in free]
-    column = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
+    all_units = ", ".join(dict.fromkeys(units))  # each unit once
+    column = partial(numbers, unit=all_units, headed=False)
     return Table(
         f"{len(free)} groups of parameters",
         words("group", [found.groups[k] for k in free]),
@@ -309,7 +328,7 @@ def _essential_text(found: IdentifiedRobot) -> str:
     values: list[str] = []
     for name, value in zip(first_parameters(essential.names), essential.values, strict=True):
         values.append(f"{name} {number(value)}")
-    _, share_of_all_groups = essential.curve[0]
+    _, share_of_all_groups = essential.curve[0]  # the curve begins with all groups
     return (
         f"{len(essential.names)} essential groups of {found.free_count} predict rows held out to "
         f"{percent(essential.held_out, 3)}, all to {percent(share_of_all_groups, 3)} (in units of each joint's residuals): "
@@ -319,7 +338,8 @@ def _essential_text(found: IdentifiedRobot) -> str:
 
 def bodies_view(found: IdentifiedRobot) -> Iterator[str | Table]:
     """Physically consistent bodies compared with the file's, and their prediction error."""
-    consistent, unknown = found.consistent, found.base.unknown
+    consistent = found.consistent
+    unknown = found.base.unknown
     yield (
         f"Weight of the prior γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} unexplained in 5-fold "
         f"cross-validation, weighted; by the file's own bodies with friction {percent(consistent.of_file, 3)}."
@@ -329,11 +349,12 @@ def bodies_view(found: IdentifiedRobot) -> Iterator[str | Table]:
     file_masses: list[float] = []
     centres: list[str] = []
     for i in unknown.bodies:
-        body, G = unknown.model.bodies[i], consistent.inertias[i]
-        links.append(body.link)
-        masses.append(float(G.mass))
-        file_masses.append(float(body.inertia.mass))
-        centres.append(", ".join(map(number, G.com)))
+        file_body = unknown.model.bodies[i]
+        inertia = consistent.inertias[i]
+        links.append(file_body.link)
+        masses.append(float(inertia.mass))
+        file_masses.append(float(file_body.inertia.mass))
+        centres.append(", ".join(map(number, inertia.com)))
     yield Table(
         "Physically consistent bodies",
         words("link", links),

@@ -17,14 +17,14 @@ TOLERANCE = 1.5e-8
 singular configuration, and singular values grow with that distance."""
 MIN_PIVOT = 1e-6
 """Smallest pivot of B B' for elimination, whose error is then about ε/MIN_PIVOT = 1e-10. With smaller pivots, the singular
-values of B are used, whose squares are the singular values of B B'."""
+values of B are used: their squares are the singular values of B B'."""
 MIN_PIVOT_SINGLE = 1e-2
 """Smallest pivot for elimination in float32."""
 MIN_SIZE_RATIO = 1e-9
-"""Least ratio of the sizes of angular [rad] and linear rows [m], either way: a lever arm of a nanometre or a gigametre."""
+"""Least ratio of the sizes of angular [rad] and linear rows [m], and least inverse ratio: lever arms of 1 nm and 1 Gm."""
 
 MIN_INDEPENDENT_PART = 1e-6
-"""Least distance of an independent row from the span of earlier ones, as a fraction of its usual size. A row that is nearer at
+"""Least distance of an independent row from the span of earlier rows, as a fraction of its usual size. A row that is nearer at
 every sampled configuration is dependent: samples are consistent to 1e-12 only, and redundancy of special geometry holds
 everywhere."""
 
@@ -42,7 +42,7 @@ class ConstraintProjector:
     L: Array
     """Cholesky factor of M; (..., nv, nv)."""
     U: Array
-    """Left singular vectors; (..., k, m). Columns beyond the rank are zero, as are those of V and the entries of 1/σ."""
+    """Left singular vectors; (..., k, m). Columns of U and V and entries of 1/σ beyond the rank are zero."""
     V: Array
     """Right singular vectors; (..., nv, m)."""
     inverse_sigma: Array
@@ -52,7 +52,7 @@ class ConstraintProjector:
     def from_rows(cls, A: Array, M: Array, sizes: Array, max_rank: int | None = None) -> ConstraintProjector:
         """Projector of the rows A (..., k, nv) with their usual ``sizes`` (k,) and the mass matrix M (..., nv, nv).
 
-        At most ``max_rank`` directions are used, if further ones are known to be rounding errors.
+        At most ``max_rank`` directions are used, if further directions are known to be rounding errors.
         """
         L = _cholesky_factor(M)
         B = _mass_weighted(A, L) / sizes[:, None]
@@ -75,7 +75,7 @@ class ConstraintProjector:
 
     @property
     def directions(self) -> Array:
-        """Orthonormal columns: first a basis of the range of A, then one of its complement; (..., k, k)."""
+        """Orthonormal columns: first a basis of the range of A, then a basis of its complement; (..., k, k)."""
         basis = self.sizes[:, None] * self.U
         if basis.shape[-1] == 0:
             return np.broadcast_to(np.eye(len(self.sizes)), (*basis.shape[:-1], len(self.sizes)))
@@ -85,11 +85,12 @@ class ConstraintProjector:
     @property
     def lost(self) -> Array:
         """Orthonormal rows that span the complement of the range of A, zero-padded to the largest number; (..., n, k)."""
-        k, rank = len(self.sizes), np.asarray(self.rank)[..., None]
-        largest_number = k - rank.min(initial=k)
-        index = rank + np.arange(largest_number)  # columns of ``directions`` beyond the rank; padding from k on
-        columns = np.take_along_axis(self.directions, np.minimum(index, k - 1)[..., None, :], axis=-1)
-        padded_columns = columns * (index < k)[..., None, :]
+        k = len(self.sizes)
+        rank = np.asarray(self.rank)[..., None]
+        max_row_count = k - rank.min(initial=k)
+        column_indices = rank + np.arange(max_row_count)  # of ``directions`` beyond the rank; padding from k on
+        columns = np.take_along_axis(self.directions, np.minimum(column_indices, k - 1)[..., None, :], axis=-1)
+        padded_columns = columns * (column_indices < k)[..., None, :]
         return np.asarray(np.swapaxes(padded_columns, -1, -2))
 
     @property
@@ -126,9 +127,10 @@ class ConstraintProjector:
         In y = L'q̈ this is y + V σ U'W λ = L⁻¹ force, where V'y = -σ⁻¹ U'W⁻¹ b.
         """
         w = np.linalg.solve(self.L, force[..., None])
-        removed = (np.swapaxes(self.V, -1, -2) @ w)[..., 0] + self.inverse_sigma * self._significant_part(b)  # σ U'W λ
-        lam = (self.U @ (self.inverse_sigma * removed)[..., None])[..., 0] / self.sizes
-        ddq = self._to_velocities(w - self.V @ removed[..., None])
+        Vt_w = (np.swapaxes(self.V, -1, -2) @ w)[..., 0]
+        constraint_part = Vt_w + self.inverse_sigma * self._significant_part(b)  # σ U'W λ
+        lam = (self.U @ (self.inverse_sigma * constraint_part)[..., None])[..., 0] / self.sizes
+        ddq = self._to_velocities(w - self.V @ constraint_part[..., None])
         minimum_lam = (self.range @ lam[..., None])[..., 0]
         return ddq, minimum_lam
 
@@ -171,7 +173,8 @@ def usual_sizes(J: Array, M: Array) -> Array:
     """
     square_lengths = (mass_weighted_rows(J, M) ** 2).sum(axis=-1)
     row_sizes = np.sqrt(square_lengths.mean(axis=0))
-    largest_angular, largest_linear = float(row_sizes[:3].max(initial=0.0)), float(row_sizes[3:].max(initial=0.0))
+    largest_angular = float(row_sizes[:3].max(initial=0.0))
+    largest_linear = float(row_sizes[3:].max(initial=0.0))
     angular = max(largest_angular, MIN_SIZE_RATIO * largest_linear)
     linear = max(largest_linear, MIN_SIZE_RATIO * largest_angular)
     if not angular and not linear:  # nothing moves: any size will do
@@ -187,11 +190,14 @@ def needs_singular_values(pivots: Array, sizes: Array) -> Array:
 
 
 def independent_rows(A: Array, M: Array, sizes: Array) -> tuple[int, ...]:
-    """Numbers of the rows of A independent of earlier ones, at the sample of largest rank; A (n, k, nv), M (n, nv, nv)."""
+    """Indices of the rows of A that are independent of earlier rows, at the sample of largest rank.
+
+    A (n, k, nv) and M (n, nv, nv) are given at n samples.
+    """
     most_rows: tuple[int, ...] = ()
     for B in mass_weighted_rows(A, M) / sizes[:, None]:
         independent: list[int] = []
-        Q = np.zeros((0, A.shape[-1]))  # orthonormal rows that span the independent ones
+        Q = np.zeros((0, A.shape[-1]))  # orthonormal rows that span the independent rows
         for i, row in enumerate(B):
             residual = row - Q.T @ (Q @ row)
             residual = residual - Q.T @ (Q @ residual)  # repeated against rounding errors

@@ -52,7 +52,7 @@ PINOCCHIO = {"LOCAL": "body", "WORLD": "space", "LOCAL_WORLD_ALIGNED": "world_al
 
 
 def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
-    """Numbers 0 to 5 of the rows of a twist, from names ("vx vz"), numbers, or None for all six; in the order given.
+    """Indices 0 to 5 of rows of a twist, in the order given, from names ("vx vz") or indices; None means all six.
 
     Raises UnknownNameError for other names, ValueRangeError for numbers outside 0 to 5, repeated rows, and an empty selection.
     """
@@ -75,7 +75,7 @@ def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
 
 
 def _row_number(row: object) -> int:
-    """Number of a row, from its name or number; raises an error for other input."""
+    """Index of a row, from its name or index; raises an error for other input."""
     if isinstance(row, str):
         if row not in TWIST:
             raise UnknownNameError.from_choices("row of a twist", row, TWIST)
@@ -88,7 +88,7 @@ def _row_number(row: object) -> int:
 
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:
-    """Each body from the base to the frame, with its joint's screw axes (k, 6) in the frame of ``kind``. MR eq. 5.11, 5.18."""
+    """Bodies from base to frame, each with its joint's screw axes (k, 6) in the frame of ``kind``. MR eq. 5.11, 5.18."""
     target = model.frame(frame)
     poses_in_parents = joint_poses(model, q)
     path = list(ancestors(model, target.body))
@@ -126,7 +126,8 @@ def jacobian_rate(model: Model, q: Array, dq: Array, frame: str, kind: str = "bo
 
 def _rate_of_columns(model: Model, columns: list[tuple[Body, Array]], dq: Array, kind: str) -> Array:
     """dJ/dt from the bodies and screw axes of :func:`_columns`."""
-    V, twists = zeros(6), []
+    V = zeros(6)  # of the bodies on the path in turn, at last of the frame itself
+    twists = []
     for body, axes in columns:
         _, velocities = body.places
         V = V + dq[velocities] @ axes
@@ -150,7 +151,7 @@ def jacobian_derivative(model: Model, q: Array, frame: str, kind: str = "body") 
 
 
 def _add_columns(J: Array, body: Body, axes: Array) -> None:
-    """Add axes (k, 6) to the columns of a body's joint; joints that share a coordinate add to the same columns."""
+    """Add axes (k, 6) to the columns of J of a body's joint; joints that share a coordinate share columns."""
     _, columns = body.places
     J[:, columns] = J[:, columns] + axes.T
 
@@ -186,8 +187,8 @@ def wrench_torques(model: Model, q: Array, F: Array, frame: str) -> Array:
 #
 #     dq = N(q) v,      for a quaternion Q:  dQ = ½ Q (0, w),
 #
-# which leaves the length of Q unchanged, while robot.add normalises Q. Functions that do not depend on this length have the
-# same derivative along both. Modern Robotics sections 3.2.2 and 3.3.2; quaternions: Appendix B.3.
+# which leaves the length of Q unchanged, while robot.add normalises Q. Functions that do not depend on the length of Q have the
+# same derivative along both changes. Modern Robotics sections 3.2.2 and 3.3.2; quaternions: Appendix B.3.
 
 
 def coordinate_rates(model: Model, q: Array) -> Array:
@@ -202,7 +203,7 @@ def coordinate_rates(model: Model, q: Array) -> Array:
 def velocity_map(model: Model, q: Array) -> Array:
     """B in dq = B dq/dt, the inverse of N; (nv, nq). Rates that change a quaternion's length give no velocity.
 
-    The columns of N are orthogonal, so the rows of B are these columns, each divided by its square.
+    The columns of N are orthogonal, so the rows of B are the columns of N, each divided by its squared length.
     """
     N = coordinate_rates(model, q)
     return np.stack([column / (column @ column) for column in N.T])
@@ -214,7 +215,7 @@ def rates_of_coordinates(model: Model, q: Array, dq: Array) -> Array:
 
 
 def moving_parts(model: Model, q: Array) -> Iterator[tuple[Array, Array]]:
-    """q and its derivative along each velocity (nq, nv); then each rotation R of a quaternion, and its derivative (3, 3, nv).
+    """Pairs of a variable and its derivative along all velocities: q (nq, nv), then each quaternion's rotation R (3, 3, nv).
 
     A function of R is differentiated by dR = R [w], which is shorter than the derivative through the quaternion.
     """
@@ -236,8 +237,8 @@ def brackets(model: Model) -> Array:
         axis_brackets = np.zeros((len(axes), len(axes), 6))
         for a, b in np.ndindex(len(axes), len(axes)):
             axis_brackets[a, b] = ad(axes[a]) @ axes[b]
-        # Rounded, so that orthonormal axes give exactly 0, 1 and -1
-        c[columns, columns, columns] = np.round(axis_brackets @ np.linalg.pinv(axes), 12)
+        constants = axis_brackets @ np.linalg.pinv(axes)
+        c[columns, columns, columns] = np.round(constants, 12)  # orthonormal axes give exactly 0, 1 and -1
     return c
 
 
@@ -252,7 +253,7 @@ def add(model: Model, q: Array, dv: Array) -> Array:
 def add_at_angles(model: Model, q: Array, dv: Array, angles: Array) -> Array:
     """q ⊕ dv, each joint along its constant twist for unit time; (nq,). :meth:`twistwrench.Robot.add` on symbols.
 
-    ``angles`` are the values of q to use in sines, cosines and rotations.
+    ``angles`` (nq,) replace q in sines, cosines and rotations.
     """
     q_new = q.copy()
     for body in model.leaders:

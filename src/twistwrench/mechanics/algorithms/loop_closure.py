@@ -53,12 +53,12 @@ class LoopRows:
         return gap_indices.tolist(), rows_of_gaps[gap_indices].tolist()
 
     def gaps(self, model: Model, q: Array) -> Array:
-        """Gaps of the loops, rad and m."""
+        """Gaps of the loops in the independent rows [rad, m]."""
         gap_indices, _ = self.indices
         return small_gaps(model, q, self.constraints)[gap_indices]
 
     def jacobian(self, model: Model, q: Array) -> Array:
-        """Rows of A that belong to these gaps."""
+        """Rows of A that belong to the gaps; (gaps, nv)."""
         _, rows = self.indices
         return constraint_jacobian(model, q, self.constraints)[rows]
 
@@ -66,15 +66,15 @@ class LoopRows:
 def project_state(
     model: Model, q: Array, dq: Array, constraints: Sequence[Constraint], independent: Sequence[int]
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """State on the constraints, from a state near them, with what was changed.
+    """State on the constraints, from a state near them, with the corrected gaps and rates.
 
     The result is q (nq,) and dq (nv,) on the constraints; the gaps before (rows of closures,); the rates A dq before
     (independent rows,); the gaps after (rows of closures,); and the pivots of A M⁻¹ A' (independent rows,). ``independent``
-    holds the numbers of the rows of A that are independent of earlier rows. In the code ``D_inverse`` and ``E_inverse`` stand
-    for D⁻¹ of M and for the same of S = R'ER.
+    holds the numbers of the rows of A that are independent of earlier rows. The factors are M = L'DL and S = R'ER.
     """
     gap_indices, rows = LoopRows(tuple(constraints), tuple(independent)).indices
-    gaps = gaps_before = small_gaps(model, q, constraints)
+    gaps_before = small_gaps(model, q, constraints)
+    gaps = gaps_before
     if gap_indices:
         L, D_inverse = ldl_factors(mass_matrix(model, q))
         A = constraint_jacobian(model, q, tuple(constraints))
@@ -121,23 +121,19 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
     sine_vector = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     cosine = 0.5 * (np.trace(R) - 1.0)
     if len(angular_rows) == 2:
-        k = 3 - sum(angular_rows)  # axis of the free rotation
+        k = 3 - sum(angular_rows)  # axis of the free rotation: the rows 0, 1, 2 add up to 3
         i, j = (k + 1) % 3, (k + 2) % 3
-        sine_vector[i], sine_vector[j] = -R[j, k], R[i, k]  # e_k × R e_k
+        sine_vector[i] = -R[j, k]  # e_k × R e_k
+        sine_vector[j] = R[i, k]
         cosine = R[k, k]
     elif len(angular_rows) == 1:
-        (k,) = angular_rows
+        (k,) = angular_rows  # axis of the fixed rotation
         i, j = (k + 1) % 3, (k + 2) % 3
         cosine = 0.5 * (R[i, i] + R[j, j])
     # 2 sin(x/2) = sin x / cos(x/2) = sin x √(2 / (1 + cos x))
     half_sine_vector = sine_vector * np.sqrt(2.0 / (1.0 + cosine + _ADDED_COSINE))
     return np.concatenate([half_sine_vector, p])[list(rows)]
 
-
-# A gap is zero if {b} coincides with {c} in the closure's rows. Near this state its rate equals the same rows of V_cb. Linear
-# rows of the gap are those of p. Three angular rows are those of log R. Two angular rows are the smallest rotation that takes
-# the third axis of {c} to the third axis of {b}, since the rotation about this axis is free. One angular row is the angle of a
-# planar motion.
 
 ITERATIONS = 100
 """Maximum number of Levenberg–Marquardt iterations. Convergence is quadratic near a solution; distant starts need more."""
@@ -148,23 +144,33 @@ HALVINGS = 12
 def closure_gaps(constraints: Sequence[Constraint], T: Array) -> Array:
     """Gaps of the closures' rows [rad, m], from T_cb of each; (..., n, 4, 4) → (..., rows)."""
     closures = [constraint for constraint in constraints if isinstance(constraint, Closure)]
-    gaps = [_gap(closure.rows, T[..., n, :3, :3], T[..., n, :3, 3]) for n, closure in enumerate(closures)]
-    return np.concatenate([np.zeros((*T.shape[:-3], 0)), *gaps], axis=-1)
+    gaps = []
+    for n, closure in enumerate(closures):
+        R, p = T[..., n, :3, :3], T[..., n, :3, 3]
+        gaps.append(_gap(closure.rows, R, p))
+    no_gaps = np.zeros((*T.shape[:-3], 0))  # shape of the result if there is no closure
+    return np.concatenate([no_gaps, *gaps], axis=-1)
 
 
 def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
     """Gap of one closure with T_cb = (R, p), (..., 3, 3) and (..., 3), in its rows; accurate for any size."""
+    # A gap is zero if {b} coincides with {c} in the closure's rows. Near this state its rate equals the same rows of V_cb.
+    # Linear rows of the gap are the rows of p. Three angular rows are the rows of log R. Two angular rows are the smallest
+    # rotation that takes the third axis of {c} to the third axis of {b}, since the rotation about this axis is free. One angular
+    # row is the angle of a planar motion.
     angular_rows = sorted({0, 1, 2}.intersection(rows))
     if len(angular_rows) == 3:
         rotation_vector = so3.log(R)
     elif len(angular_rows) == 2:
-        free_axis = 3 - sum(angular_rows)
+        free_axis = 3 - sum(angular_rows)  # the rows 0, 1, 2 add up to 3
         rotation_vector = _rotation_of_axis(R, free_axis)
     elif len(angular_rows) == 1:
-        (i,) = angular_rows
+        (i,) = angular_rows  # axis of the fixed rotation
         j, k = (i + 1) % 3, (i + 2) % 3
         rotation_vector = np.zeros_like(p)
-        rotation_vector[..., i] = np.arctan2(R[..., k, j] - R[..., j, k], R[..., j, j] + R[..., k, k])
+        double_sine = R[..., k, j] - R[..., j, k]
+        double_cosine = R[..., j, j] + R[..., k, k]
+        rotation_vector[..., i] = np.arctan2(double_sine, double_cosine)
     else:
         rotation_vector = np.zeros_like(p)
     return np.concatenate([rotation_vector, p], axis=-1)[..., list(rows)]
@@ -172,13 +178,15 @@ def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
 
 def _rotation_of_axis(R: Array, k: int) -> Array:
     """Smallest rotation vector that takes axis k of {c} to axis k of {b}; if they are opposite, one of the rotations by π."""
-    axis_c, axis_b = np.eye(3)[k], R[..., :, k]
+    axis_c = np.eye(3)[k]
+    axis_b = R[..., :, k]
     sine_vector = np.cross(axis_c, axis_b)
-    sine, cosine = np.linalg.norm(sine_vector, axis=-1), axis_b[..., k]
+    sine = np.linalg.norm(sine_vector, axis=-1)
+    cosine = axis_b[..., k]
     angle = np.arctan2(sine, cosine)
     is_opposite = (sine < TOLERANCE) & (cosine < 0)
     angle_per_sine = np.divide(angle, sine, out=np.ones_like(sine), where=sine > TOLERANCE)
-    half_turn = np.pi * np.eye(3)[(k + 1) % 3]
+    half_turn = np.pi * np.eye(3)[(k + 1) % 3]  # any axis at right angles to axis k
     return np.where(is_opposite[..., None], half_turn, angle_per_sine[..., None] * sine_vector)
 
 
@@ -191,7 +199,7 @@ class LoopProblem:
     rows_and_mass: Callable[[Array], tuple[Array, Array]]
     """Rows A (n, rows, nv) of the gaps, and M (n, nv, nv), at configurations (n, nq)."""
     add: Callable[[Array, Array], Array]
-    """q ⊕ dv."""
+    """q ⊕ dv of configurations (n, nq) and displacements (n, nv)."""
     sizes: Array
     """Usual size of each row of A; (rows,)."""
     units: Array
@@ -207,12 +215,13 @@ class LoopProblem:
 
 
 def close_loops(q: Array, problem: LoopProblem, tolerance: float) -> tuple[Array, Array]:
-    """Configurations near q (n, nq) without gaps, and the largest remaining gap of each (n,), divided by the unit of its row.
+    """Configurations near q (n, nq) without gaps, and the largest remaining gap of each (n,), in units of its row.
 
     Levenberg–Marquardt steps, smallest in the kinetic metric, with the squared gap as damping parameter. Fan and Yuan,
     Computing 74, 2005: quadratic convergence also at singular solutions.
     """
-    q, gaps = q.copy(), problem.gaps(q)
+    q = q.copy()  # its rows are replaced below
+    gaps = problem.gaps(q)
     largest_gap = problem.largest_gaps(gaps)
     is_open = largest_gap > tolerance
     for _ in range(ITERATIONS):
@@ -222,28 +231,30 @@ def close_loops(q: Array, problem: LoopProblem, tolerance: float) -> tuple[Array
         A, M = problem.rows_and_mass(q[open_rows])
         damping = np.minimum(1.0, largest_gap[open_rows] ** 2)
         step = _damped_step(gaps[open_rows], A, M, problem.sizes, damping)
-        q[open_rows], gaps[open_rows], has_improved = _take_step(q[open_rows], gaps[open_rows], step, problem)
-        largest_gap[open_rows] = problem.largest_gaps(gaps[open_rows])
-        is_open[open_rows] = has_improved & (largest_gap[open_rows] > tolerance)
+        q_new, gaps_new, has_improved = _take_step(q[open_rows], gaps[open_rows], step, problem)
+        q[open_rows] = q_new
+        gaps[open_rows] = gaps_new
+        largest_gap[open_rows] = problem.largest_gaps(gaps_new)
+        is_open[open_rows] = has_improved & (largest_gap[open_rows] > tolerance)  # no shorter step helps: give up
     return q, largest_gap
 
 
 def _take_step(q: Array, gaps: Array, step: Array, problem: LoopProblem) -> tuple[Array, Array, Array]:
-    """q and gaps after the step, and True for each configuration that has smaller gaps; the others are unchanged.
+    """q and gaps after the step, and the mask of configurations with smaller gaps; the others are unchanged.
 
     The step of a configuration is halved until it reduces the gaps.
     """
-    length = np.ones(len(q))
+    step_factor = np.ones(len(q))
     old_norms = problem.gap_norms(gaps)
     for _ in range(HALVINGS):
-        q_new = problem.add(q, length[:, None] * step)
+        q_new = problem.add(q, step_factor[:, None] * step)
         gaps_new = problem.gaps(q_new)
         has_improved = problem.gap_norms(gaps_new) < old_norms
         if has_improved.all():
             break
-        length = np.where(has_improved, length, 0.5 * length)
-    improved_rows = has_improved[:, None]
-    return np.where(improved_rows, q_new, q), np.where(improved_rows, gaps_new, gaps), has_improved
+        step_factor = np.where(has_improved, step_factor, 0.5 * step_factor)
+    takes_step = has_improved[:, None]
+    return np.where(takes_step, q_new, q), np.where(takes_step, gaps_new, gaps), has_improved
 
 
 def _damped_step(gaps: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:

@@ -49,7 +49,7 @@ def joint_poses(model: Model, q: Array) -> list[Array]:
 
 
 def spread(model: Model, dq: Array) -> list[Array]:
-    """Twist A dq of each joint in its body's frame; (6,) each. With ddq in place of dq, its derivative, as A is constant."""
+    """Twist A dq of each joint in its body's frame; (6,) each. As A is constant, ``spread(model, ddq)`` is its derivative."""
     twists = []
     for body in model.bodies:
         _, columns = body.places
@@ -58,7 +58,7 @@ def spread(model: Model, dq: Array) -> list[Array]:
 
 
 def collect(model: Model, wrenches: Array) -> Array:
-    """Joint torques A' F (nv,) from the wrench on each body through its joint, summed over joints that share a coordinate."""
+    """Joint torques A' F (nv,) from the wrench on each body through its joint; torques of followers are added to leaders."""
     tau = zeros(model.nv)
     for body, F in zip(model.bodies, wrenches, strict=True):
         torque = body.joint.axes @ F
@@ -68,7 +68,7 @@ def collect(model: Model, wrenches: Array) -> Array:
 
 
 def add_entry(matrix: Array, row_body: Body, m: int, column_body: Body, k: int, value: Any) -> None:
-    """Add an entry in the row of one joint's velocity m and the column of another's k, scaled by the ratios of followers."""
+    """Add a value for velocity m of one joint (row) and velocity k of another (column), scaled by the ratios of followers."""
     row, column = row_body.v_index + m, column_body.v_index + k
     matrix[row, column] = matrix[row, column] + row_body.ratio * column_body.ratio * value
 
@@ -116,9 +116,8 @@ def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
     tau = joint_torques(model, model.armature * motor_velocities(model, ddq))
     for columns, L in armature_symbols(model):
         u = dq[..., columns]
-        coefficients = np.triu(
-            L + L.swapaxes(1, 2)
-        )  # each product of two velocities once; squares have zero coefficients
+        # each product of two velocities once; squares have zero coefficients
+        coefficients = np.triu(L + L.swapaxes(1, 2))
         products = u[..., None, :, None] * u[..., None, None, :]
         tau[..., columns] = tau[..., columns] + (coefficients * products).sum(axis=(-2, -1))
     return tau
@@ -158,7 +157,7 @@ def spring_stiffness(model: Model) -> Array:
 
 
 def _elongation(model: Model, spring: Spring, q: Array) -> Any:
-    """Elongation Σ weight · coordinate - rest of a spring."""
+    """Elongation of a spring: Σ weight · coordinate - rest."""
     elongation: Any = -spring.rest
     for body, weight in _bodies_with_weights(model, spring):
         elongation = elongation + weight * q[body.q_index]

@@ -23,6 +23,14 @@ WrenchLaw = Callable[[float, Array, Array], ArrayLike]
 
 _MAX_IMPULSE_ERROR = 0.05
 """Fraction of the momentum above which a quadrature error is reported."""
+_MAX_ANGULAR_MOMENTUM = 1e100
+"""Angular momentum for which the rotation per step can be computed [N m s]."""
+_MAX_ITERATIONS = 60
+"""Number of fixed-point iterations for the wrench of an impulse."""
+_CONVERGED_CHANGE = 1e-15
+"""Change of the wrench, relative to the wrench, at which the iterations end."""
+_MAX_ROUNDING = 1e-12
+"""Change of the wrench, relative to the wrench, that may be a rounding error."""
 
 State = tuple[Array, Array, Array, Array]
 """Quaternion q (4,), position p, angular momentum l and linear momentum f, (3,) each."""
@@ -36,10 +44,10 @@ def six(name: str, x: ArrayLike) -> Array:
 
 
 class MissedImpulse:
-    """Estimate of the impulses missed so far (absolute values), and the time of the largest.
+    """Estimate of the impulses missed so far (absolute values), and the time of the largest missed impulse.
 
-    A step ``h`` evaluates the wrench in the middle of each of its ``fractions``. Between these times the wrench is evaluated
-    additionally, ``spacing`` [s] apart at most, to estimate what they miss.
+    A step ``h`` evaluates the wrench in the middle of each of its ``fractions``. To estimate the impulse that these
+    evaluations miss, the wrench is also evaluated at probes, which are at most ``spacing`` [s] apart.
     """
 
     def __init__(self, fractions: Sequence[float], h: float, spacing: float) -> None:
@@ -47,21 +55,23 @@ class MissedImpulse:
         midpoints = np.cumsum(lengths) - 0.5 * lengths
         self.h = h
         self.rule = ProbeRule(midpoints, lengths, spacing)
-        self.needed = bool(np.isfinite(spacing)) and self.rule.needed(h)
+        self.needs_probes = bool(np.isfinite(spacing)) and self.rule.needed(h)
         self.sum = np.zeros(6)
+        """Sum of the missed impulses: angular, then linear [N m s, N s]."""
         self.largest = 0.0
+        """Largest entry of a missed impulse."""
         self.time_of_largest = 0.0
 
-    def record(self, t: float, push: Push, before: State, after: State) -> None:
+    def record(self, t: float, push: Push, state_before: State, state_after: State) -> None:
         """Record a step from t: the wrench is evaluated along the straight line between the two states."""
-        if not self.needed:
+        if not self.needs_probes:
             return
         shares, weights = self.rule.shares(self.h)
-        probes = []
+        wrenches_at_probes = []
         for share in shares.tolist():
-            q, *other_parts = ((1.0 - share) * a + share * b for a, b in zip(before, after, strict=True))
-            probes.append(push(t + share * self.h, q / np.linalg.norm(q), *other_parts))
-        wrenches = np.array(probes)
+            q, *other_parts = ((1.0 - share) * a + share * b for a, b in zip(state_before, state_after, strict=True))
+            wrenches_at_probes.append(push(t + share * self.h, q / np.linalg.norm(q), *other_parts))
+        wrenches = np.array(wrenches_at_probes)
         missed_impulse = self.h * np.abs(left_out(weights, wrenches))
         self.sum += missed_impulse
         if missed_impulse.max() > self.largest:
@@ -107,7 +117,8 @@ class FreeBody:
 
     def state(self, T_sb: Array, V_b: Array) -> tuple[Array, Array, Array, Array]:
         """Quaternion (4,), position (3,), spatial angular momentum about the centre of mass and linear momentum (3,)."""
-        T_sc, V_c = T_sb @ self.T_bc, se3.Ad(self.T_cb).apply(V_b)
+        T_sc = T_sb @ self.T_bc
+        V_c = se3.Ad(self.T_cb).apply(V_b)
         R, p = T_sc[:3, :3], T_sc[:3, 3]
         l = R @ (self.moments * V_c[:3])
         f = self.mass * (R @ V_c[3:])
@@ -178,8 +189,14 @@ def motion_under_wrench(
 ) -> Rows:
     """Record of motion under a wrench in ``n`` steps ``h``, every ``stride`` steps and at the end.
 
-    Each fraction of a step: half of it free, the impulse of the whole fraction, the other half free.
+    In each fraction of a step, the body moves freely for one half, gets the impulse of the whole fraction, and moves freely
+    for the other half.
     """
+
+    def wrench(t: float, *state: Array) -> Array:
+        F, _ = body.push(law, t, *state)
+        return F
+
     q, p, l, f = start
     rotor = SplitRotor.from_moments(_vec(body.moments))
     half_steps = []
@@ -189,7 +206,8 @@ def motion_under_wrench(
     impulse, work = np.zeros(6), 0.0
     record = [(q, p, l, f, impulse, work)]
     for i in range(1, n + 1):
-        t, before = (i - 1) * h, (q, p, l, f)
+        t = (i - 1) * h
+        state_before = (q, p, l, f)
         for half, turns, last_turn in half_steps:
             _require_computable(l, t)
             q = np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn))
@@ -205,7 +223,7 @@ def motion_under_wrench(
             q = np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn))
             p = p + half / body.mass * f
             t = t + half
-        missed.record((i - 1) * h, lambda t, *state: body.push(law, t, *state)[0], before, (q, p, l, f))
+        missed.record((i - 1) * h, wrench, state_before, (q, p, l, f))
         if i % stride == 0 or i == n:
             record.append((q, p, l, f, impulse, work))
     q, p, l, f, impulses, works = (np.array(column) for column in zip(*record, strict=True))
@@ -214,7 +232,7 @@ def motion_under_wrench(
 
 def _require_computable(l: Array, t: float) -> None:
     """Raise ValueRangeError if the angular momentum is too large to compute the rotation per step."""
-    if not np.abs(l).max() < 1e100:
+    if not np.abs(l).max() < _MAX_ANGULAR_MOMENTUM:
         raise ValueRangeError(
             f"at t = {printed(t)} s the angular momentum is {l.tolist()} N m s. Take a smaller V0 or wrench."
         )
@@ -226,13 +244,13 @@ def _midpoint_wrench(
     """Wrench of an impulse of duration ``h`` at the mean of the momenta before and after it, by fixed-point iteration."""
     F, power = body.push(law, t, q, p, l, f)
     change = np.inf
-    for _ in range(60):
+    for _ in range(_MAX_ITERATIONS):
         previous_F, previous_change = F, change
         size = np.abs(F).max()
         F, power = body.push(law, t, q, p, l + 0.5 * h * previous_F[:3], f + 0.5 * h * previous_F[3:])
         change = np.abs(F - previous_F).max()
-        has_converged = change <= 1e-15 * size
-        is_rounding_error = previous_change <= change <= 1e-12 * size  # it does not decrease further
+        has_converged = change <= _CONVERGED_CHANGE * size
+        is_rounding_error = previous_change <= change <= _MAX_ROUNDING * size  # it does not decrease further
         if has_converged or is_rounding_error:
             return F, power
         if change > 2.0 * previous_change:
@@ -246,7 +264,7 @@ def _midpoint_wrench(
 def adaptive_motion(
     body: FreeBody, start: tuple[Array, ...], times: Array, law: WrenchLaw | None, tolerance: float, longest: float
 ) -> Rows:
-    """Record integrated by SciPy's DOP853 in pose and momentum, to a relative error per step."""
+    """Record of motion at ``times``, by SciPy's DOP853 in pose and momentum, to a relative error ``tolerance`` per step."""
     from scipy.integrate import solve_ivp
 
     q, p, l, f = start
@@ -262,11 +280,12 @@ def adaptive_motion(
 
     # Sizes of the unknowns for absolute tolerances: lengths are compared with the radius of gyration r, speeds with one radius
     # per flight plus the initial speeds of translation and rotation.
-
-    T, m, r = times[-1], body.mass, float(np.sqrt(body.moments[2] / body.mass))
+    T, m = times[-1], body.mass
+    r = float(np.sqrt(body.moments[2] / body.mass))
     speed = r / T + np.linalg.norm(f) / m + np.linalg.norm(l) / (m * r)
-    momentum_sizes = [m * r * speed] * 3 + [m * speed] * 3  # angular, linear; the impulse has the same
-    sizes = [1.0] * 4 + [r] * 3 + momentum_sizes + momentum_sizes + [m * speed**2]
+    momentum_sizes = [m * r * speed] * 3 + [m * speed] * 3  # angular, then linear
+    impulse_sizes = momentum_sizes
+    sizes = [1.0] * 4 + [r] * 3 + momentum_sizes + impulse_sizes + [m * speed**2]  # the last one is the work
     y_start = np.concatenate([q, p, l, f, np.zeros(7)])
     solution = solve_ivp(
         rate, (0.0, T), y_start, method="DOP853", t_eval=times,

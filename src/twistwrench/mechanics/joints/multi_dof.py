@@ -80,7 +80,8 @@ class Ball(Joint):
 
     def velocities(self, q: Array, q1: Array, q2: Array) -> tuple[Array, Array]:
         """ω = 2 vec(Q* dQ) / |Q|² and dω = 2 (vec(Q* ddQ) - (Q·dQ) ω) / |Q|²; vec(dQ* dQ) is zero."""
-        conjugate, square = q * _CONJUGATE, np.sum(q * q, axis=1, keepdims=True)
+        conjugate = q * _CONJUGATE
+        square = np.sum(q * q, axis=1, keepdims=True)
         w = 2.0 * quaternion.multiply(conjugate, q1)[:, 1:] / square
         half_square_rate = np.sum(q * q1, axis=1, keepdims=True)
         dw = 2.0 * (quaternion.multiply(conjugate, q2)[:, 1:] - half_square_rate * w) / square
@@ -113,8 +114,8 @@ class Ball(Joint):
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
         """ZYX Euler angles, because quaternion entries are not independent."""
-        letters = (("alpha", "yaw"), ("beta", "pitch"), ("gamma", "roll"))
-        return tuple(ChartEntry(letter, True, f"{meaning} of joint {{}}") for letter, meaning in letters)
+        names = {"alpha": "yaw", "beta": "pitch", "gamma": "roll"}
+        return tuple(ChartEntry(letter, True, f"{name} of joint {{}}") for letter, name in names.items())
 
     def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
         """Quaternion, and E in ω = E times the rates of the angles."""
@@ -133,16 +134,16 @@ class Ball(Joint):
     @property
     def sliders(self) -> tuple[Slider, ...]:
         """Sliders for roll, pitch and yaw."""
-        ranges = (("roll", math.pi), ("pitch", math.pi / 2), ("yaw", math.pi))
-        return tuple(Slider(f" {angle}", 0, "°", reach, k) for k, (angle, reach) in enumerate(ranges))
+        ranges = {"roll": math.pi, "pitch": math.pi / 2, "yaw": math.pi}
+        return tuple(Slider(f" {angle}", 0, "°", largest, k) for k, (angle, largest) in enumerate(ranges.items()))
 
 
 def rotation_between(Q1: Array, Q0: Array) -> tuple[Array, Any]:
-    """Shortest ω = log(Q0⁻¹ Q1) for quaternions of length 1e-150 to 1e150, and its square."""
+    """Shortest rotation vector ω = log(Q0⁻¹ Q1) for quaternions of length 1e-150 to 1e150, and |ω|²."""
     Q0_inverse = (Q0 / np.sqrt(Q0 @ Q0)) * _CONJUGATE
     Q = quaternion.multiply(Q0_inverse, Q1 / np.sqrt(Q1 @ Q1))
     Q = short_way(Q[0]) * Q
-    cosine, sine_vector = Q[0], Q[1:]  # of half the angle
+    cosine, sine_vector = Q[0], Q[1:]  # of half the rotation angle
     w = 2.0 * half_turn(cosine, sine_vector @ sine_vector) * sine_vector
     return w, w @ w
 
@@ -297,9 +298,9 @@ class Floating(Joint):
 
 
 class Planar(Joint):
-    """Joint in a plane, with the coordinates (x, y, theta) and the velocities (omega, v_1, v_2); theta is about the normal.
+    """Joint in a plane, with the coordinates (x, y, theta) and the velocities (omega, v_1, v_2).
 
-    x and y are along the joint's axes; the velocities are the twist in the child's frame.
+    x and y are along the joint's axes, theta is about the normal; the velocities are the twist in the child's frame.
     """
 
     kind = "planar"
@@ -328,7 +329,8 @@ class Planar(Joint):
 
         In the child's frame the displacement is (dx, dy) = [a, -b; b, a] (v_1, v_2), with a and b of :func:`_arc`.
         """
-        (x, y, theta), (w, vx, vy) = q, dv
+        x, y, theta = q
+        w, vx, vy = dv
         a, b = _arc(w)
         dx, dy = a * vx - b * vy, b * vx + a * vy
         c, s = np.cos(angles[2]), np.sin(angles[2])
@@ -380,7 +382,7 @@ class Planar(Joint):
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
         """The joint's own coordinates."""
-        coordinates = (("x", False, "x"), ("y", False, "y"), ("theta", True, "angle"))
+        coordinates = (("x", False, "x"), ("y", False, "y"), ("theta", True, "angle"))  # letter, is an angle, meaning
         return tuple(
             ChartEntry(letter, is_angle, f"{meaning} of joint {{}}") for letter, is_angle, meaning in coordinates
         )

@@ -51,7 +51,7 @@ def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: 
         raise ValueRangeError("an axis needs a direction: three finite numbers that are not all zero.")
     q = _floats(point, "the point of an axis", 3)
     h = _floats(pitch, "the pitch of an axis")[..., None]
-    s, q, h = arguments.together(direction=s, point=q, pitch=h)
+    s, q, h = arguments.together(direction=s, point=q, pitch=h)  # equal batch shapes
     is_translation = np.isinf(h)
     finite_h = np.where(is_translation, 0.0, h)  # avoids inf * 0
     angular = np.where(is_translation, 0.0, s)
@@ -62,7 +62,7 @@ def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: 
 def axis_of(S: ArrayLike) -> Axis:
     """Screw axis of a twist: ŝ = ω/|ω|, q = ω × v / |ω|², h = ω·v / |ω|² (MR section 3.3.2.2).
 
-    If ω = 0, the pitch is infinite and the direction is that of v. ``screw_axis(*axis_of(S)[:3]) *
+    If ω = 0, the pitch is infinite and v gives the direction. ``screw_axis(*axis_of(S)[:3]) *
     axis_of(S).magnitude`` equals S.
 
     Parameters
@@ -83,7 +83,7 @@ def axis_of(S: ArrayLike) -> Axis:
 def line_of_action(F: ArrayLike) -> Axis:
     """Line of action of a wrench: f̂, q = f × m / |f|², h = m·f / |f|² (MR section 3.4).
 
-    A pure couple (f = 0) has infinite pitch and the direction of m.
+    A pure couple (f = 0) has infinite pitch, and m gives the direction.
 
     Parameters
     ----------
@@ -162,9 +162,11 @@ def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
     >>> kinds(np.array([0.0, 0, 1]), np.zeros(3), ("line", "couple", "screw", "nothing"))
     'line'
     """
-    line, moment = _floats(first, "the first half", 3), _floats(second, "the second half", 3)
+    line = _floats(first, "the first half", 3)
+    moment = _floats(second, "the second half", 3)
     direction, line_length = _unit_and_length(line)
-    moment_along_line, moment_length = np.abs(np.sum(direction * moment, axis=-1)), _length(moment)
+    moment_length = _length(moment)
+    moment_along_line = np.abs(np.sum(direction * moment, axis=-1))
     has_no_line = line_length == 0
     is_zero = has_no_line & (moment_length == 0)
     has_zero_pitch = moment_along_line <= 16 * np.finfo(float).eps * moment_length
@@ -178,10 +180,12 @@ _SCREW = "a screw, angular part first,"
 
 
 def _floats(x: ArrayLike, what: str, *shape: int) -> Array:
+    """Array of floats (..., *shape); raises an error that names ``what``."""
     return np.asarray(arguments.real(x, what, *shape), float)
 
 
 def _length(x: Array) -> Array:
+    """Length of vectors (..., 3)."""
     return np.asarray(np.hypot(np.hypot(x[..., 0], x[..., 1]), x[..., 2]))  # hypot avoids underflow of squares
 
 
@@ -192,14 +196,16 @@ def _unit_and_length(x: Array) -> tuple[Array, Array]:
     return x / nonzero_length[..., None], length
 
 
-def _axis(first: Array, second: Array, what: str) -> Axis:
+def _axis(axis_half: Array, origin_half: Array, what: str) -> Axis:
     """Axis of a screw from its half along the axis and its half at the origin; ``what`` names the screw in messages."""
-    line_direction, line_length = _unit_and_length(first)
-    moment_direction, moment_length = _unit_and_length(second)
+    line_direction, line_length = _unit_and_length(axis_half)
+    moment_direction, moment_length = _unit_and_length(origin_half)
     has_no_line = line_length == 0
-    if np.any(has_no_line & (moment_length == 0)) or not np.isfinite(line_length + moment_length).all():
+    is_zero = has_no_line & (moment_length == 0)
+    are_finite = np.isfinite(line_length + moment_length).all()
+    if np.any(is_zero) or not are_finite:
         raise ValueRangeError(f"a {what} needs six finite numbers that are not all zero to have an axis.")
-    moment_ratio = second / np.where(has_no_line, 1.0, line_length)[..., None]
+    moment_ratio = origin_half / np.where(has_no_line, 1.0, line_length)[..., None]
     return Axis(
         direction=np.where(has_no_line[..., None], moment_direction, line_direction),
         point=np.where(has_no_line[..., None], 0.0, cross(line_direction, moment_ratio)) + 0.0,  # no -0.0

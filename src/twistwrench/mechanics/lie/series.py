@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from ...core.typing import Array
 
 Coefficients = tuple[float, ...]
+"""Coefficients of a power series in theta**2, the constant one first."""
 
 SWITCH = 2.5
 """Angle [rad] below which series are used."""
@@ -39,21 +40,23 @@ def cot_coefficients(terms: int) -> Coefficients:
     return tuple(a[k] * 0.25**k for k in range(1, terms + 1))
 
 
-def _slope(coefficients: Coefficients) -> Coefficients:
-    """Coefficients of the slope: of c_k θ^(2k), it is 2 k c_k θ^(2k - 2)."""
+def _slope_coefficients(coefficients: Coefficients) -> Coefficients:
+    """Coefficients of a function's slope: the term c_k θ^(2k) has the slope 2 k c_k θ^(2k - 2)."""
     return tuple(2.0 * k * coefficient for k, coefficient in enumerate(coefficients) if k > 0)
 
 
-# Coefficients in theta**2 of (1 - cos theta) / theta**2, (theta - sin theta) / theta**3 and cot_term
 _COS = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(16))
+"""Coefficients of (1 - cos theta) / theta**2."""
 _SIN = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(16))
-_COT = cot_coefficients(25)  # successive terms decrease by 2.5² / (2π)² = 0.16 at the switch
+"""Coefficients of (theta - sin theta) / theta**3."""
+_COT = cot_coefficients(25)
+"""Coefficients of :func:`cot_term`; successive terms decrease by 2.5² / (2π)² = 0.16 at the switch."""
 
 
 def _series_or_closed_form(
     theta: ArrayLike, coefficients: Coefficients, closed_form: Callable[[Array], Array]
 ) -> Array:
-    """Series below the switch, closed form above; each is evaluated only at its own angles."""
+    """Series for angles below ``SWITCH``, closed form for the others; each is evaluated only at its own angles."""
     theta = np.asarray(theta)
     is_small = theta < SWITCH
     if is_small.all():
@@ -94,7 +97,7 @@ def one_minus_cos_slope(theta: ArrayLike) -> Array:
 
     The closed form has 2 (1 - cos theta) / theta**2 = sinc²(theta/2).
     """
-    return _series_or_closed_form(theta, _slope(_COS), lambda t: (sinc(t) - sinc(0.5 * t) ** 2) / t**2)
+    return _series_or_closed_form(theta, _slope_coefficients(_COS), lambda t: (sinc(t) - sinc(0.5 * t) ** 2) / t**2)
 
 
 def theta_minus_sin_slope(theta: ArrayLike) -> Array:
@@ -102,7 +105,7 @@ def theta_minus_sin_slope(theta: ArrayLike) -> Array:
 
     The closed form is (3 sinc(theta) - cos theta - 2) / theta**4.
     """
-    return _series_or_closed_form(theta, _slope(_SIN), lambda t: (3.0 * sinc(t) - np.cos(t) - 2.0) / t**4)
+    return _series_or_closed_form(theta, _slope_coefficients(_SIN), lambda t: (3.0 * sinc(t) - np.cos(t) - 2.0) / t**4)
 
 
 def cot_slope(theta: ArrayLike) -> Array:
@@ -112,7 +115,7 @@ def cot_slope(theta: ArrayLike) -> Array:
         h = 0.5 * t
         return np.asarray(((h / np.sin(h)) ** 2 + h / np.tan(h) - 2.0) / t**4)
 
-    return _series_or_closed_form(theta, _slope(_COT), closed_form)
+    return _series_or_closed_form(theta, _slope_coefficients(_COT), closed_form)
 
 
 # ── Matrices 1 + a [w] + b [w]²: exponentials and Jacobians of SO(3), and blocks of those of SE(3)
@@ -136,10 +139,10 @@ def within_reach(w: Array) -> tuple[Array, Array]:
     with np.errstate(over="ignore", invalid="ignore"):
         theta = angle(w)
         max_angle = _MAX_ANGLE[w.dtype]
-        if np.fmax.reduce(theta, axis=None, initial=0.0) > max_angle:
+        if np.fmax.reduce(theta, axis=None, initial=0.0) > max_angle:  # fmax ignores NaN
             is_long = theta > max_angle
             long_w = w[is_long]
-            u = long_w / np.abs(long_w).max(axis=-1, keepdims=True)  # infinity has no direction: the result is NaN
+            u = long_w / np.abs(long_w).max(axis=-1, keepdims=True)  # largest entry 1; NaN if w is infinite
             w = w.copy()
             w[is_long] = max_angle / angle(u)[..., None] * u
             theta = np.where(is_long, angle(w), theta)
@@ -165,7 +168,7 @@ def slope(w: Array, v: Array, a: Array, b: Array, da: Array, db: Array) -> Array
 
     It is a [v] + b ([w][v] + [v][w]) + (w·v) (da [w] + db [w]²), with [w][v] + [v][w] = w v' + v w' - 2 (w·v) 1.
     """
-    wv = np.sum(w * v, axis=-1)  # half the rate of |w|²
+    wv = np.sum(w * v, axis=-1)  # w·v, half the rate of |w|²
     b_w_v = (b[..., None] * w)[..., :, None] * v[..., None, :]  # b w v'
     a_v = quadratic(v, a, np.zeros_like(a), 0.0)  # a [v]
     derivative = a_v + quadratic(w, wv * da, wv * db, 0.0)

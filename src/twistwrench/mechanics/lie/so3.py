@@ -112,8 +112,8 @@ def cross(a: ArrayLike, b: ArrayLike) -> Array:
     b0, b1, b2 = np.moveaxis(b, -1, 0)
     try:
         return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
-    except ValueError:  # batches that do not fit: the following raises ShapeError
-        arguments.together(a=a, b=b)
+    except ValueError:  # batches that do not fit
+        arguments.together(a=a, b=b)  # raises ShapeError
         raise
 
 
@@ -142,8 +142,8 @@ def _exp(w: Array) -> Array:
 def log(R: ArrayLike) -> Array:
     """Matrix logarithm of SO(3): exponential coordinates of a rotation matrix, 0 ≤ |w| ≤ π.
 
-    Computed through the quaternion, so accurate at every angle, including π. At π, w and -w describe the same rotation, and
-    one of them is returned. MR section 3.2.3.3.
+    Computed from the quaternion, so accurate at every angle, including π. At π, w and -w describe the same rotation, and one
+    of the two is returned. MR section 3.2.3.3.
 
     Returns
     -------
@@ -219,7 +219,8 @@ def project(M: ArrayLike, within: float = 0.1) -> Rotations:
     is_finite = np.isfinite(M).all(axis=(-2, -1), keepdims=True)
     finite_M = np.where(is_finite, M, np.eye(3, dtype=M.dtype))  # one NaN would make LAPACK fail for the whole batch
     U, _, Vt = np.linalg.svd(finite_M)
-    U[..., :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1, 1)[..., None]  # a rotation, not a reflection
+    sign = np.where(np.linalg.det(U @ Vt) < 0, -1, 1)
+    U[..., :, 2] *= sign[..., None]  # a rotation, not a reflection
     R = np.where(is_finite, U @ Vt, np.nan)
     deviation = np.where(np.isinf(M), np.inf, np.abs(R - M))
     arguments.refuse(

@@ -26,7 +26,7 @@ _Value = TypeVar("_Value")
 
 
 def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: str, name: str) -> Model:
-    """Model with another model's base fixed to a frame, at a pose (4, 4) in it; ``prefix`` is prepended to the other's names.
+    """Model with another model's base fixed to a frame, at a pose (4, 4) in this frame. All names of the other get ``prefix``.
 
     Raises :class:`~twistwrench.UnknownNameError` and :class:`~twistwrench.FrameError` as :meth:`Model.frame`, and
     :class:`~twistwrench.ModelError` for duplicate names.
@@ -34,53 +34,54 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     model.frame(frame)
     link = str(model.tip if frame is None else frame)
     pose_in_link = pose
-    whole = disassemble(model, extra=False)
-    part = _with_prefix(disassemble(other, extra=False), prefix)
-    if link in whole.additions.sites:
-        site = whole.additions.sites[link]
-        link, pose_in_link = site.link, np.asarray(site.pose @ pose)
-    _check_names(whole, part, prefix)
-    whole.additions.motor_joints = _motors_of_both(whole, part)
-    whole.links |= part.links
-    connection = unused(f"{part.root}.attached", _joint_names([*whole.joints, *part.joints]))
-    whole.joints += [fixed_entry(connection, link, part.root, pose_in_link), *part.joints]
-    whole.friction |= _without_root_joint(part, part.friction)
-    whole.armature |= _without_root_joint(part, part.armature)
-    whole.actuators += part.actuators
-    whole.couplings += part.couplings
-    whole.payloads += part.payloads
-    additions, new_additions = whole.additions, part.additions
+    carrier = disassemble(model, extra=False)  # its parts become the joined robot
+    attached = _with_prefix(disassemble(other, extra=False), prefix)
+    if link in carrier.additions.sites:
+        site = carrier.additions.sites[link]
+        link = site.link
+        pose_in_link = np.asarray(site.pose @ pose)
+    _check_names(carrier, attached, prefix)
+    carrier.additions.motor_joints = _motors_of_both(carrier, attached)
+    carrier.links |= attached.links
+    connection = unused(f"{attached.root}.attached", _joint_names([*carrier.joints, *attached.joints]))
+    carrier.joints += [fixed_entry(connection, link, attached.root, pose_in_link), *attached.joints]
+    carrier.friction |= _without_root_joint(attached, attached.friction)
+    carrier.armature |= _without_root_joint(attached, attached.armature)
+    carrier.actuators += attached.actuators
+    carrier.couplings += attached.couplings
+    carrier.payloads += attached.payloads
+    additions, new_additions = carrier.additions, attached.additions
     additions.sites |= new_additions.sites
     additions.springs += new_additions.springs
     additions.closures |= new_additions.closures
     additions.locked |= new_additions.locked
     for configuration, positions in new_additions.configurations.items():
         own_positions = additions.configurations.get(configuration, {})
-        additions.configurations[configuration] = own_positions | _without_root_joint(part, positions)
-    whole.name = name
-    joined = reassemble(whole)
+        additions.configurations[configuration] = own_positions | _without_root_joint(attached, positions)
+    carrier.name = name
+    joined = reassemble(carrier)
     return replace(joined, defects=(*model.defects, *other.defects))
 
 
 def _without_root_joint(part: ModelParts, values: Mapping[str, _Value]) -> dict[str, _Value]:
-    """Values by joint, without the joint of a floating base: this base is now fixed to the other robot."""
+    """Values by joint, without the joint of a floating base, since this base is now fixed to the other robot."""
     remaining = dict(values)
     if part.floating:
         remaining.pop(ROOT_JOINT, None)
     return remaining
 
 
-def _motors_of_both(whole: ModelParts, part: ModelParts) -> set[str]:
-    """Joints with motors of two joined robots, empty if neither file names any: then all joints are driven.
+def _motors_of_both(carrier: ModelParts, attached: ModelParts) -> set[str]:
+    """Joints with motors of two joined robots; empty, for all joints, if neither file names joints with motors.
 
-    If only one of the files names joints with motors, all joints of the other robot are driven.
+    If only one file names them, all joints of the other robot are driven.
     """
-    if not (whole.additions.motor_joints or part.additions.motor_joints):
+    if not (carrier.additions.motor_joints or attached.additions.motor_joints):
         return set()
     motor_joints: set[str] = set()
-    for parts in (whole, part):
-        drivable = {joint.name for joint in parts.joints if not joint.fixed and joint.joint.driven}
-        motor_joints |= parts.additions.motor_joints or drivable
+    for parts in (carrier, attached):
+        driven_joints = {joint.name for joint in parts.joints if not joint.fixed and joint.joint.driven}
+        motor_joints |= parts.additions.motor_joints or driven_joints
     return motor_joints
 
 
@@ -138,7 +139,7 @@ def with_free_base(model: Model) -> Model:
 
 
 def _without_locked_root(parts: ModelParts) -> ModelParts:
-    """Parts without the world and its joint, if this joint is a floating base's that was locked at the origin."""
+    """Parts without the world and its joint, if this joint was a floating base and is locked at the origin."""
     world = parts.root
     root_joints = [joint for joint in parts.joints if joint.parent == world]
     if len(root_joints) != 1 or parts.links[world].inertia.mass:
@@ -160,12 +161,12 @@ _AT_ORIGIN = np.array([1.0, 0, 0, 0, 0, 0, 0])
 """Coordinates of a floating base at the origin: unit quaternion and position."""
 
 
-def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
+def _check_names(carrier: ModelParts, attached: ModelParts, prefix: str) -> None:
     """Raise ModelError if both robots have entries of one kind with the same name."""
-    part_names = _names_by_kind(part)
-    for kind, names in _names_by_kind(whole).items():
-        whole_names = set(names)
-        shared_names = [name for name in part_names[kind] if name in whole_names]
+    attached_names = _names_by_kind(attached)
+    for kind, names in _names_by_kind(carrier).items():
+        carrier_names = set(names)
+        shared_names = [name for name in attached_names[kind] if name in carrier_names]
         if shared_names:
             example = "FILE@FRAME:hand_" if in_the_shell() else "prefix='hand_'"
             advice = "another prefix" if prefix else f"a prefix for the names of the one attached, such as {example}"
@@ -174,7 +175,7 @@ def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
 
 
 def _names_by_kind(parts: ModelParts) -> dict[str, list[str]]:
-    """Names that two joined robots must not share."""
+    """Names that two joined robots must not share, by kind of entry."""
     return {
         "link": [*parts.links, *parts.additions.sites],
         "joint": [joint.name for joint in parts.joints],
@@ -208,7 +209,7 @@ def _names_with_prefix(names: Iterable[str], prefix: str) -> tuple[str, ...]:
 
 
 def _frame_with_prefix(name: str, additions: Additions, prefix: str) -> str:
-    """Name of a link or site; the mark of a site that is named as a link stays in front."""
+    """Name of a link or site with the prefix. The mark "site:", of a site with the name of a link, stays in front."""
     if name in additions.sites and name.startswith("site:"):
         return f"site:{prefix}{name.removeprefix('site:')}"
     return prefix + name
@@ -282,11 +283,12 @@ def _links_of_part(parts: ModelParts, root: str, tip: str | None) -> set[str]:
 
 def _rotation(model: Model, link: str) -> Array:
     """Rotation of a link in the base frame, with every joint neutral."""
-    q, frame = model.neutral, model.frames[link]
-    T, i = frame.pose, frame.body
+    frame = model.frames[link]
+    T = frame.pose
+    i = frame.body
     while i != BASE:
         body = model.bodies[i]
-        T = body.placement @ body.joint.pose(body.coordinates(q)) @ T
+        T = body.placement @ body.joint.pose(body.coordinates(model.neutral)) @ T
         i = body.parent
     return np.asarray(T[:3, :3], float)
 
@@ -331,7 +333,9 @@ def _additions_of_part(additions: Additions, links: set[str], joints: set[str]) 
     for name, positions in additions.configurations.items():
         configurations[name] = _entries_of(positions, joints)
     springs = [spring for spring in additions.springs if joints.issuperset(spring.joints)]
-    closures = {name: c for name, c in additions.closures.items() if {c.frame_a, c.frame_b} <= frames}
+    closures = {
+        name: closure for name, closure in additions.closures.items() if {closure.frame_a, closure.frame_b} <= frames
+    }
     return replace(
         additions,
         sites=sites,

@@ -11,13 +11,13 @@ DEFAULT_SNAP = 1e-9
 """Distance from 0 or ±1 below which an entry of a fixed rotation is set to it."""
 
 _MAX_ROUNDING = 4.5e-16
-"""Deviation of R'R and R R' from the identity that is a rounding error of three products; such a matrix is a rotation."""
+"""Largest deviation of R'R and R R' from the identity by rounding of three products; R then counts as a rotation."""
 _MAX_ROUNDING_AFTER_SNAP = 1e-15
-"""The same after orthonormalisation."""
+"""Largest deviation of R'R and R R' from the identity after orthonormalisation."""
 
 
 def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
-    """R (3, 3) with entries within ``tolerance`` of 0 or ±1 set to 0 or ±1, orthonormalised again; 0 disables this.
+    """R (3, 3) with entries within ``tolerance`` of 0 or ±1 set to 0 or ±1, and orthonormalised; tolerance 0 disables this.
 
     Robot files write a right angle as 1.57079632679, and the cosine of the nearest float to π/2 is 6e-17. Exact zeros
     and ones vanish from compiled kernels; these values do not. An entry becomes ±1 only together with the zeros beside
@@ -28,19 +28,22 @@ def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     if tolerance == 0:
         return R
     is_zero = np.abs(R) <= tolerance
-    zeros_in_row, zeros_in_column = is_zero.sum(axis=1), is_zero.sum(axis=0)
-    alone_in_row, alone_in_column = zeros_in_row[:, None] == 2, zeros_in_column[None, :] == 2
-    is_unit = ~is_zero & alone_in_row & alone_in_column
-    snapped = np.where(is_unit, np.copysign(1.0, R), np.where(is_zero, 0.0, R))
-    if np.array_equal(snapped, R) or is_unit.sum() == 3 or _is_rotation(snapped, _MAX_ROUNDING):
+    zeros_in_row = is_zero.sum(axis=1)
+    zeros_in_column = is_zero.sum(axis=0)
+    is_unit = ~is_zero & (zeros_in_row[:, None] == 2) & (zeros_in_column[None, :] == 2)  # all beside it are zero
+    snapped = np.where(is_zero, 0.0, R)
+    snapped = np.where(is_unit, np.copysign(1.0, R), snapped)
+    is_permutation = is_unit.sum() == 3
+    if np.array_equal(snapped, R) or is_permutation or _is_rotation(snapped, _MAX_ROUNDING):
         return snapped
     if is_unit.any():  # rotation about one axis: a block of two rows and columns remains
-        i, j = np.argwhere(is_unit)[0]
-        other_rows, other_columns = [k for k in range(3) if k != i], [k for k in range(3) if k != j]
+        i, j = np.argwhere(is_unit)[0]  # the only unit
+        other_rows = [k for k in range(3) if k != i]
+        other_columns = [k for k in range(3) if k != j]
         block = np.ix_(other_rows, other_columns)
         snapped[block] = _nearest_orthogonal(snapped[block])
     elif is_zero.sum() == 1:
-        row_with_zero = int(zeros_in_row.argmax())
+        row_with_zero = int(zeros_in_row.argmax())  # the only one
         snapped = _orthonormalise_from_row(snapped, row_with_zero)
     return snapped if _is_rotation(snapped, _MAX_ROUNDING_AFTER_SNAP) else R
 
@@ -54,7 +57,7 @@ def _is_rotation(R: Array, tolerance: float) -> bool:
 def _nearest_orthogonal(B: Array) -> Array:
     """Orthogonal matrix nearest to B (2, 2): a rotation or a reflection, like B."""
     (a, b), (c, d) = B
-    determinant = 1.0 if a * d - b * c > 0 else -1.0  # of the result
+    determinant = 1.0 if a * d - b * c > 0 else -1.0  # of the orthogonal matrix
     x, y = a + determinant * d, c - determinant * b
     length = np.hypot(x, y)
     cosine, sine = x / length, y / length
@@ -62,15 +65,16 @@ def _nearest_orthogonal(B: Array) -> Array:
 
 
 def _orthonormalise_from_row(R: Array, i: int) -> Array:
-    """R orthonormalised by Gram–Schmidt, from row i, which has the zero; determinant 1."""
-    first, second = R[i] / np.linalg.norm(R[i]), R[(i + 1) % 3]
+    """R orthonormalised by Gram–Schmidt with determinant 1, beginning with row i, which has the zero."""
+    first_row = R[i] / np.linalg.norm(R[i])
+    second_row = R[(i + 1) % 3]
     for _ in range(2):  # twice, against rounding errors
-        second = second - (first @ second) * first
-        second = second / np.linalg.norm(second)
+        second_row = second_row - (first_row @ second_row) * first_row
+        second_row = second_row / np.linalg.norm(second_row)
     orthonormal = np.empty((3, 3))
-    orthonormal[i] = first
-    orthonormal[(i + 1) % 3] = second
-    orthonormal[(i + 2) % 3] = np.cross(first, second)
+    orthonormal[i] = first_row
+    orthonormal[(i + 1) % 3] = second_row
+    orthonormal[(i + 2) % 3] = np.cross(first_row, second_row)
     return orthonormal
 
 

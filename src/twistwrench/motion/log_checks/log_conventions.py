@@ -25,7 +25,7 @@ _SO_ARM_MOTORS = {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "
 
 
 def fanuc_doubts(file: MotionFile, model: Model, coordinates: Coordinates) -> list[Doubt]:
-    """Doubt about the third joint of a Fanuc robot, whose column J3 is the angle to the horizontal."""
+    """Doubt about the third joint of a Fanuc robot, as its column J3 is the angle to the horizontal; empty for other logs."""
     has_fanuc_columns = {"J1", "J2", "J3", "J4", "J5", "J6"} <= set(file.header)
     if not has_fanuc_columns or not _FANUC_NAMES.search(model.name.lower()):
         return []
@@ -39,11 +39,11 @@ def dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates,
     if not isinstance(file, ArrayFile) or not file.dataset or q_columns is None:
         return []
     has_unstated_unit = coordinates.angular & ~columns.angle_stated
-    entries = np.flatnonzero(has_unstated_unit).tolist()
-    if not entries:
+    indices = np.flatnonzero(has_unstated_unit).tolist()  # of coordinates
+    if not indices:
         return []
-    cells = [columns.header[int(q_columns[k])] for k in entries]
-    joints = [coordinates.names[k] for k in entries]
+    cells = [columns.header[int(q_columns[k])] for k in indices]
+    joints = [coordinates.names[k] for k in indices]
     if file.dataset == "range":
         raise TrajectoryError(
             f"{file.path}: by its metadata, positions are from -100 to 100 of each motor's range, and only its calibration "
@@ -55,22 +55,23 @@ def dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates,
     _check_radians(file, cells)
     if file.dataset != "unknown":
         return []
-    words: dict[str, Any] = {"named": listed(joints, 6), "usual": ""}
+    fields: dict[str, Any] = {"named": listed(joints, 6), "usual": ""}  # of the doubt's sentence
     words_of_cells = set(".".join(cells).split("."))
     if not _SO_ARM_MOTORS & words_of_cells:
-        return [doubt("dataset-unit", joints, level="note", **words)]
-    words["usual"] = ", although LeRobot records these motors in degrees or in shares of their range"
-    return [doubt("dataset-unit", joints, level="unsure", **words)]
+        return [doubt("dataset-unit", joints, level="note", **fields)]
+    fields["usual"] = ", although LeRobot records these motors in degrees or in shares of their range"
+    return [doubt("dataset-unit", joints, level="unsure", **fields)]
 
 
 def _check_radians(file: ArrayFile, cells: list[str]) -> None:
     """Raise TrajectoryError if a column reaches more than a turn."""
     columns = [file.first(file.header.index(cell)) for cell in cells]
     largest_values = [float(np.abs(column).max(initial=0.0)) for column in columns]
-    k = int(np.argmax(largest_values))
-    if largest_values[k] > math.tau:
+    worst = int(np.argmax(largest_values))
+    largest = largest_values[worst]
+    if largest > math.tau:
         raise TrajectoryError(
-            f"{file.path}: {cells[k]} reaches {number(largest_values[k])}, which is not an angle in radians. LeRobot's SO arms "
+            f"{file.path}: {cells[worst]} reaches {number(largest)}, which is not an angle in radians. LeRobot's SO arms "
             "record degrees since February 2026, and before that -100 to 100 of each motor's range, which needs the "
             "calibration file. If these are degrees, add: {0}",
             Argument("degrees", True),
@@ -78,7 +79,7 @@ def _check_radians(file: ArrayFile, cells: list[str]) -> None:
 
 
 def _check_grippers(file: ArrayFile, joints: list[str], cells: list[str]) -> None:
-    """Raise TrajectoryError if a column is that of a gripper, which is not an angle."""
+    """Raise TrajectoryError if a column belongs to a gripper, whose values are not angles."""
     grippers = [joint for joint, cell in zip(joints, cells, strict=True) if "gripper" in cell.lower()]
     if grippers:
         raise TrajectoryError(

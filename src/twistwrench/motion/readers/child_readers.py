@@ -21,19 +21,25 @@ from .file_ends import FileEnds
 
 _FOREIGN_SUFFIXES = (".h5", ".hdf5", ".parquet", ".feather", ".arrow")
 """Suffixes of files that a foreign library decodes."""
-_HDF5_MARKS = b"\x89HDF", b"MATLAB 7.3"
-"""Texts in the header of a MAT file, one of which shows that it is an HDF5 file."""
-_SECONDS, _SECONDS_PER_BYTE = 30.0, 1e-6
-"""Largest processor time of a reader: constant, and per byte of the file [s]. ROS recordings take the longest, 1e-7 s."""
-_MEMORY, _MEMORY_PER_BYTE = 1 << 30, 32
-"""Largest memory of a reader [bytes]: constant, and per byte of the file, for ROS messages as Python objects."""
+_HDF5_MARKS = (b"\x89HDF", b"MATLAB 7.3")
+"""A MAT file is an HDF5 file if one of these texts is in its header."""
+_MAT_HEADER_BYTES = 128
+"""Length of the header of a MAT file."""
+_BASE_SECONDS = 30.0
+"""Processor time that each reader may take [s]."""
+_SECONDS_PER_BYTE = 1e-6
+"""Further processor time for each byte of the file [s]. ROS recordings take the longest, 1e-7 s."""
+_BASE_MEMORY = 1 << 30
+"""Memory that each reader may take [bytes]."""
+_MEMORY_PER_BYTE = 32
+"""Further memory for each byte of the file [bytes], for ROS messages as Python objects."""
 
 
 def arrays_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
-    """Open a file of arrays: in a child process if a foreign library decodes it, and the sandbox is on."""
+    """Open a file of arrays, in a child process if a foreign library decodes it and the sandbox is on."""
     suffix = file.path.suffix.lower()
     if suffix == ".mat":
-        is_foreign = any(mark in file.start[:128] for mark in _HDF5_MARKS)
+        is_foreign = any(mark in file.start[:_MAT_HEADER_BYTES] for mark in _HDF5_MARKS)
     else:
         is_foreign = suffix in _FOREIGN_SUFFIXES
     if is_foreign and sandboxed():
@@ -42,7 +48,7 @@ def arrays_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
 
 
 def recording_file(file: FileEnds, topic: str | None = None, command_topic: str | None = None) -> ArrayFile:
-    """Open a recording of ROS: in a child process if the sandbox is on."""
+    """Open a recording of ROS, in a child process if the sandbox is on."""
     from .ros_recordings import ros_file
 
     if sandboxed():
@@ -62,13 +68,13 @@ def array_file_in_child(path: Path, episode: int | None) -> ArrayFile:
         error_of=lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix}: {reason}."),
     )
 
-    def read_portions(used: Sequence[int]) -> Iterator[Array]:
-        row = 0  # the first one that has not arrived
+    def read_portions(used_columns: Sequence[int]) -> Iterator[Array]:
+        row = 0  # first row that has not arrived; errors name it
         portions = stream_from_child(
             f"{__name__}:rows_of_arrays",
             str(path),
             episode,
-            tuple(used),
+            tuple(used_columns),
             limits=limits,
             error_of=lambda reason: unreadable_rows(path, row, reason),
         )
@@ -95,9 +101,9 @@ def ros_file_in_child(path: Path, topic: str | None, command_topic: str | None =
     return ArrayFile(path, tuple(header), size, read_portions, tuple(notes), epoch=epoch, plan=plan)
 
 
-def _columns_of(table: Array, used: Sequence[int]) -> Iterator[Array]:
+def _columns_of(table: Array, used_columns: Sequence[int]) -> Iterator[Array]:
     """Columns of a table, as a single portion."""
-    return iter([table[:, list(used)]])
+    return iter([table[:, list(used_columns)]])
 
 
 def _limits(path: Path) -> ChildLimits:
@@ -107,8 +113,8 @@ def _limits(path: Path) -> ChildLimits:
         size = sum(file.stat().st_size for file in path.iterdir() if file.is_file())
     elif path.is_file():
         size = path.stat().st_size
-    processor_time = _SECONDS + _SECONDS_PER_BYTE * size
-    memory = _MEMORY + _MEMORY_PER_BYTE * size
+    processor_time = _BASE_SECONDS + _SECONDS_PER_BYTE * size
+    memory = _BASE_MEMORY + _MEMORY_PER_BYTE * size
     return ChildLimits(processor_time, memory, output=2 * most_unpacked(size))
 
 
@@ -116,13 +122,13 @@ def _limits(path: Path) -> ChildLimits:
 
 
 def head_of_arrays(path: str, episode: int | None) -> tuple[Any, ...]:
-    """Header, size, notes and unit of a file of arrays."""
+    """Header, size, notes and dataset of a file of arrays, as :class:`ArrayFile` has them."""
     file = _file_of_arrays(path, episode)
     return file.header, file.size, file.notes, file.dataset
 
 
 def rows_of_arrays(path: str, episode: int | None, used: Sequence[int]) -> Iterator[Array]:
-    """Portions of the rows of some columns."""
+    """Rows of the ``used`` columns, by index, in portions."""
     return _file_of_arrays(path, episode).read(used)
 
 
@@ -131,7 +137,7 @@ def _file_of_arrays(path: str, episode: int | None) -> ArrayFile:
 
 
 def recording(path: str, topic: str | None, command_topic: str | None) -> Iterator[Any]:
-    """Yield header, size, notes, epoch, and True for a plan; then portions of the rows of a recording."""
+    """Yield a tuple of header, size, notes, epoch and plan of a recording, then its rows in portions."""
     from .ros_recordings import ros_file
 
     file = ros_file(Path(path), topic, command_topic)

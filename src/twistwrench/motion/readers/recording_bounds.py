@@ -21,31 +21,33 @@ TABLES = ("topics", "messages", "message_definitions")
 """Tables of a rosbag2 database."""
 _ALLOWED_LENGTH = 1 << 20
 """Length of a value [bytes] that a database of any size may have; longer values may be as long as the file."""
-_MAX_STEPS, _MAX_STEPS_PER_BYTE = 10_000_000, 50
-"""Largest number of steps of SQLite's machine: constant, and per byte of the file. A message of 100 bytes takes about 30."""
+_BASE_STEPS = 10_000_000
+"""Number of steps of SQLite's machine that reading any database may take."""
+_STEPS_PER_BYTE = 50
+"""Further steps for each byte of the file. A message of 100 bytes takes about 30."""
 _STEPS_BETWEEN_CALLS = 100_000
-"""Steps of the machine between calls of the progress handler: a few milliseconds."""
+"""Steps of SQLite's machine between calls of the progress handler: a few milliseconds."""
 
 
 @contextmanager
 def recording_database(path: Path) -> Iterator[sqlite3.Connection]:
     """Database of a recording, for reading. Raises TrajectoryError unless its tables are plain, and for too many steps."""
     size = path.stat().st_size
-    max_steps = _MAX_STEPS + _MAX_STEPS_PER_BYTE * size
-    progress = _ProgressHandler(max_steps // _STEPS_BETWEEN_CALLS)
+    max_steps = _BASE_STEPS + _STEPS_PER_BYTE * size
+    handler = _ProgressHandler(max_steps // _STEPS_BETWEEN_CALLS)
     address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
     with closing(sqlite3.connect(address, uri=True)) as database:
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(_ALLOWED_LENGTH, size))
         database.execute("pragma trusted_schema=off")
         database.execute("pragma cell_size_check=on")
-        database.set_progress_handler(progress.stop_requests().__next__, _STEPS_BETWEEN_CALLS)
+        database.set_progress_handler(handler.stop_requests().__next__, _STEPS_BETWEEN_CALLS)
         try:
             _check_tables(database, path)
             yield database
         except sqlite3.OperationalError as error:
-            if progress.interrupt is not None:
-                raise progress.interrupt from None
-            if progress.remaining_calls < 0:
+            if handler.interrupt is not None:
+                raise handler.interrupt from None
+            if handler.remaining_calls < 0:
                 raise TrajectoryError(
                     f"{path}: its tables take more steps to read than a recording of its size has. The file is damaged, or not "
                     "a recording."
@@ -96,7 +98,8 @@ def _check_tables(database: sqlite3.Connection, path: Path) -> None:
         )
     for name in names:
         computed_columns = []
-        for _, column, *_, hidden in database.execute(f"pragma table_xinfo({name})"):
+        for row in database.execute(f"pragma table_xinfo({name})"):
+            _, column, *_, hidden = row
             if hidden:  # 0 for ordinary columns
                 computed_columns.append(str(column))
         if computed_columns:
@@ -109,12 +112,12 @@ def values_within(values: Iterable[Any], path: Path) -> list[bytes]:
     """Values of a column of bytes. Raises TrajectoryError if they take more than their file, as copies of one value do."""
     file_size = path.stat().st_size
     copies: list[bytes] = []
-    size = 0
+    size_of_copies = 0
     for value in values:
         copy = bytes(value)
         copies.append(copy)
-        size += len(copy)
-        if size > _ALLOWED_LENGTH + file_size:
+        size_of_copies += len(copy)
+        if size_of_copies > _ALLOWED_LENGTH + file_size:
             raise TrajectoryError(f"{path}: its messages take more than the file's {file_size} bytes. It is damaged.")
     return copies
 
@@ -123,7 +126,7 @@ def check_folder(path: Path) -> None:
     """Check the files of a rosbag2 folder. Raises TrajectoryError, and errors of SQLite and of the MCAP reader."""
     for file in sorted(path.iterdir()):
         if file.suffix == ".db3" and file.is_file():
-            with recording_database(file):
+            with recording_database(file):  # checks on opening
                 continue
         if file.suffix == ".mcap" and file.is_file():
             check_chunks(file)
@@ -132,7 +135,7 @@ def check_folder(path: Path) -> None:
 
 
 def _check_packed(path: Path) -> None:
-    """Raise TrajectoryError if a packed file is out of proportion to its size."""
+    """Raise TrajectoryError if a packed file unpacks out of proportion to its size."""
     import zstandard
 
     size = path.stat().st_size
@@ -151,7 +154,7 @@ class BoundedFile(io.BufferedReader):
         self.size = path.stat().st_size
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """At most ``size`` bytes; all if it is negative or None."""
+        """At most ``size`` bytes; all remaining bytes if ``size`` is negative or None."""
         remaining = max(0, self.size - self.tell())
         if size is None or size < 0:
             size = remaining
@@ -174,7 +177,7 @@ def check_chunks(path: Path) -> None:
 
 
 def _unpacked_size_in_data(chunk: Any) -> int:
-    """Unpacked size [bytes] by the packed data of a chunk itself; 0 if they do not state it."""
+    """Unpacked size [bytes] that the packed data of a chunk state; 0 if they do not state it."""
     if chunk.compression != "zstd":
         return 0  # LZ4 unpacks to at most 255 times its size
     import zstandard

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def motor_mask(robot: Robot, actuated: Iterable[str] | None) -> Array:
-    """Mask of the velocities of the named joints (None: all with a motor, see :func:`motor_joints`); (nv,)."""
+    """Mask (nv,) of the velocities of the joints ``actuated``; None means :func:`motor_joints`."""
     leaders = {body.joint.name: body for body in robot.model.leaders}
     if actuated is None:
         actuated = motor_joints(robot)
@@ -31,14 +31,15 @@ def motor_mask(robot: Robot, actuated: Iterable[str] | None) -> Array:
     for name in actuated:
         if name not in leaders:
             raise UnknownNameError.from_choices("joint", name, leaders)
-        mask[leaders[name].places[1]] = True
+        _, velocities = leaders[name].places
+        mask[velocities] = True
     return mask
 
 
 def motor_joints(robot: Robot) -> list[str]:
     """Joints that a motor may drive: those of the file's actuators, or all except free joints and a planar base.
 
-    Joints with an actuator of their own are driven in any case. If a follower of a mimic joint is driven, its leader is.
+    Joints with their own actuator are driven in any case. The leader of a driven mimic joint is driven, too.
     """
     model = robot.model
     if not model.motor_joints:
@@ -64,12 +65,15 @@ def _is_planar_base(body: Body) -> bool:
 
 
 def require_balanced(closed: ConstrainedRobot, residual: Array, f: Array, is_driven: Array) -> None:
-    """Raise an error if residual torques (..., n) at joints without motors exceed rounding errors of f (..., nv)."""
+    """Raise an error if torques are left over at joints without motors.
+
+    ``residual`` (..., n) are these torques; they may be rounding errors of the torques f (..., nv).
+    """
     largest_residual = np.abs(residual).max(axis=-1, initial=0.0)
-    allowed = MAX_RESIDUAL_TORQUE * np.abs(f).max(axis=-1, initial=0.0)
-    if (largest_residual <= allowed).all():
+    allowed_residual = MAX_RESIDUAL_TORQUE * np.abs(f).max(axis=-1, initial=0.0)
+    if (largest_residual <= allowed_residual).all():
         return
-    worst_state = int((largest_residual - allowed).argmax())
+    worst_state = int((largest_residual - allowed_residual).argmax())
     robot = closed.open()
     undriven_joints = joints(robot, ~is_driven)
     driven_joints = ", ".join(joints(robot, is_driven)) or "no joint"
@@ -90,7 +94,7 @@ def require_balanced(closed: ConstrainedRobot, residual: Array, f: Array, is_dri
 
 
 def require_independent(closed: ConstrainedRobot, q: Array, is_driven: Array) -> None:
-    """Raise an error unless the joints ``driven`` (nv,) determine all others and match the degrees of freedom in number."""
+    """Raise an error unless driven joints (mask (nv,)) are as many as the degrees of freedom and determine all other joints."""
     freedoms = closed.nv - len(closed.independent)
     driven_count = int(is_driven.sum())
     names = ", ".join(joints(closed.open(), is_driven)) or "no joint"
@@ -103,7 +107,8 @@ def require_independent(closed: ConstrainedRobot, q: Array, is_driven: Array) ->
         return
     # The driven joints determine the others if the columns of A of the others are independent.
     rows = list(closed.independent)
-    A_undriven = closed.constraint_jacobian(q)[..., rows, :][..., ~is_driven] / closed.sizes[rows, None]
+    A = closed.constraint_jacobian(q)[..., rows, :] / closed.sizes[rows, None]
+    A_undriven = A[..., ~is_driven]
     singular_values = np.linalg.svd(A_undriven, compute_uv=False)
     ratio = singular_values[..., -1] / singular_values[..., 0]
     if not (ratio > SINGULAR_VALUE).all():  # NaN too

@@ -1,4 +1,4 @@
-"""Quantities as JavaScript functions, in an ES module that uses only Math, one operation a line."""
+"""Quantities as JavaScript functions: ES modules that use only Math, with one operation per line."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _RESERVED = frozenset([
 
 
 def javascript_module(quantity: BridgedQuantity) -> str:
-    """Text of the module: a function of arrays of numbers, matrices flat in C order, that fills and returns ``out``."""
+    """Text of a module with one function, which takes arrays (matrices flat in C order), and fills and returns ``out``."""
     program = quantity.program
     inputs = [_name(port.name) for port in program.inputs]
     outputs = [_name(port.name) for port in program.outputs]
     input_elements = element_names(inputs, program.inputs)
     copies = [element.translate(_BRACKETS_TO_UNDERSCORES) for element in input_elements]  # q[3] to q_3_
-    # Inputs are copied before outputs are written, which may be the same arrays.
+    # Inputs are copied before outputs are written, since they may be the same arrays.
     lines = [f"const {copies[k]} = {input_elements[k]};" for k in _read_elements(program)]
     results = evaluated(program, copies, _functions(lines))  # adds a line for each operation
     new_arrays = [f"new Float64Array({port.size})" for port in program.outputs]
@@ -39,10 +39,10 @@ def javascript_module(quantity: BridgedQuantity) -> str:
         default = f"{{ {', '.join(entries)} }}"
     for element, result in zip(output_elements, results, strict=True):
         lines.append(f"{element} = {_number(result)};")
-    shapes = f"{_shapes_text(inputs, program.inputs)} to {_shapes_text(outputs, program.outputs)}"
-    model_name = " ".join(quantity.engine.model.name.split())
+    shapes_text = f"{_shapes_text(inputs, program.inputs)} to {_shapes_text(outputs, program.outputs)}"
+    model_name = " ".join(quantity.engine.model.name.split())  # in one line
     parameters = ", ".join([*inputs, f"out = {default}"])
-    comment = f"// {quantity.name} of {model_name}: {shapes}; SI units.\n"
+    comment = f"// {quantity.name} of {model_name}: {shapes_text}; SI units.\n"
     signature = f"export function {_name(quantity.name)}({parameters}) {{\n"
     body = "".join(f"  {line}\n" for line in lines)
     return f"{comment}{signature}{body}  return out;\n}}\n"
@@ -52,9 +52,9 @@ _BRACKETS_TO_UNDERSCORES = str.maketrans("[]", "__")
 
 
 def _read_elements(program: Program) -> list[int]:
-    """Numbers of the elements of all inputs that the program reads, ascending."""
-    numbers = {int(instruction.value) for instruction in program.instructions if instruction.op == "input"}
-    return sorted(numbers)
+    """Sorted indices of the input elements that the program reads, counted over all inputs."""
+    indices = {int(instruction.value) for instruction in program.instructions if instruction.op == "input"}
+    return sorted(indices)
 
 
 def _shapes_text(names: Sequence[str], ports: Sequence[TensorSpec]) -> str:
@@ -63,7 +63,7 @@ def _shapes_text(names: Sequence[str], ports: Sequence[TensorSpec]) -> str:
 
 
 def _functions(lines: list[str]) -> dict[str, Any]:
-    """Functions by operation that write it: each adds a line and returns the name of its result."""
+    """Function for each operation, which writes the operation as a line and returns the name of the result."""
 
     def operation(pattern: str) -> Any:
         def write(*operands: Any) -> str:
@@ -84,7 +84,7 @@ def _functions(lines: list[str]) -> dict[str, Any]:
         "max": operation("{0} > {1} ? {0} : {1}"),
     }
     for name in ("sqrt", "sin", "cos", "exp", "sign"):
-        functions[name] = operation(f"Math.{name}" + "({0})")
+        functions[name] = operation(f"Math.{name}({{0}})")
     for op, (product_sign, sum_sign) in FUSED.items():
         product = "({0} * {1})" if product_sign > 0 else "-({0} * {1})"
         sign = "+" if sum_sign > 0 else "-"

@@ -364,12 +364,12 @@ def export_ros2(
         problem = "cannot be made: the folder above it is not there"
     if problem:
         raise ValueRangeError(f"{label} {str(path)!r} {problem}. Name a new folder inside one that exists.")
-    texts = _texts(robot, folder.name, license)
+    text_by_file = _texts(robot, folder.name, license)
     try:
-        # Renamed when it is complete, so that no part of a package is left behind.
+        # The folder is renamed when it is complete, so that no part of a package is left behind.
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as scratch:
             package = Path(scratch) / folder.name
-            for name, text in texts.items():
+            for name, text in text_by_file.items():
                 file = package / name
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_text(text, encoding="utf-8", newline="\n")
@@ -378,7 +378,7 @@ def export_ros2(
         raise ValueRangeError(
             f"cannot write {str(path)!r}: {error.strerror}. Free space, or give another name."
         ) from None
-    return Written([folder / name for name in texts], folder, robot.name)
+    return Written([folder / name for name in text_by_file], folder, robot.name)
 
 
 def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A002
@@ -392,13 +392,14 @@ def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A0
     exports = requests(robot, _QUANTITIES, "double", name)
     joints = [body.joint.name for body in robot.model.leaders]
     payloads = robot.model.payloads
-    masses = {}  # of links without payloads
+    masses = {}  # of links without their payloads [kg]
     for link, inertia in robot.model.link_inertias.items():
         payload_mass = sum(payload.mass for frame, payload in payloads if frame == link)
         masses[link] = float(inertia.mass - payload_mass)
-    words = {
+    printable_name = "".join(filter(str.isprintable, robot.name))
+    text_by_word = {  # text in place of each @WORD@ of the templates
         "NAME": name,
-        "ROBOT": escape("".join(filter(str.isprintable, robot.name))),
+        "ROBOT": escape(printable_name),
         "VERSION": version("twistwrench"),
         "LICENSE": escape(license),
         "JOINTS": ", ".join(map(_cpp_string, joints)),
@@ -412,7 +413,7 @@ def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A0
     }
 
     def fill(template: str) -> str:
-        return re.sub(r"@([A-Z]+)@", lambda match: words[match[1]], template)
+        return re.sub(r"@([A-Z]+)@", lambda match: text_by_word[match[1]], template)
 
     return {
         "package.xml": fill(_PACKAGE),
@@ -433,7 +434,7 @@ def _cpp_string(text: str) -> str:
 
 
 def _cpp_character(character: str) -> str:
-    """A character of a C++ string literal; octal if it is not plain."""
+    """Character of a C++ string literal; octal bytes unless it is plain ASCII."""
     if character.isascii() and character.isprintable() and character not in '"\\?':
         return character
     return "".join(f"\\{byte:03o}" for byte in character.encode())
@@ -454,21 +455,21 @@ def _data(robot: Robot) -> str:
         "FRICTION": robot.friction_forces(qd),
         "TORQUES": robot.inverse_dynamics(q, qd, qdd),
     }
-    texts = []
-    for name, results in tables.items():
-        table = np.asarray(results, float).reshape(STATES, -1)
-        texts.append(_table_text(name, table))
-    return "\n".join(texts)
+    table_texts = []
+    for name, values in tables.items():
+        table = np.asarray(values, float).reshape(STATES, -1)
+        table_texts.append(_table_text(name, table))
+    return "\n".join(table_texts)
 
 
 def _table_text(name: str, table: Array) -> str:
-    """C++ array of the states, a row each."""
+    """C++ array with a row for each state; hexadecimal literals are exact."""
     row_texts = []
     for row in table:
         literals = ", ".join(float(x).hex() for x in row)
         row_texts.append(f"  {{{literals}}}")
-    data = ",\n".join(row_texts)
-    return f"const double {name}[{STATES}][{table.shape[1]}] = {{\n{data}}};"
+    rows_text = ",\n".join(row_texts)
+    return f"const double {name}[{STATES}][{table.shape[1]}] = {{\n{rows_text}}};"
 
 
 complete(globals())

@@ -24,7 +24,9 @@ IDENTICAL_BELOW = 1e-6
 """rad or m: configurations that differ by less than this in all joints are identical."""
 MAX_EQUAL_DISPLACEMENT = 10.0
 """Largest displacement of the frame, in tolerances and to first order, between two configurations that count as equal.
-Larger distances between them occur only near a singular configuration, where the tolerance cannot separate them."""
+
+Such configurations are farther apart than ``IDENTICAL_BELOW`` only near a singular configuration, where the tolerance cannot
+separate them."""
 SINGULAR_VALUE_SHARE = 1e-9
 """Singular values of J below this fraction of the largest are zero."""
 
@@ -40,7 +42,8 @@ def branches(
     distance: float,
 ) -> IKResult:
     """Branches of inverse kinematics; see :meth:`twistwrench.Robot.inverse_kinematics_branches`."""
-    target = arguments.one(arguments.finite(T, "inverse_kinematics_branches: T", 4, 4), "T", 4, 4)
+    finite_T = arguments.finite(T, "inverse_kinematics_branches: T", 4, 4)
+    target = arguments.one(finite_T, "T", 4, 4)
     starts = arguments.integer(starts, "starts")
     row_indices = row_numbers(rows)
     if robot.nv > len(row_indices) or robot.nq != robot.nv:
@@ -56,7 +59,7 @@ def branches(
     J = robot.jacobian(q, frame)[:, row_indices, :]
     is_angular = np.array(row_indices) < 3
     lever_arms = np.linalg.norm(J[:, ~is_angular], axis=1).max(axis=-1, initial=1.0)
-    branch_indices: list[int] = []
+    branch_indices: list[int] = []  # of the first configuration of each branch
     for k in range(len(q)):
         difference = _difference_without_turns(robot, q[k], q[branch_indices])
         V = (J[branch_indices] @ difference[..., None])[..., 0]
@@ -78,27 +81,27 @@ def branches(
             ModelWarning,
             stacklevel=frames_to_user(),
         )
-    order = sorted(branch_indices, key=lambda k: (float(np.abs(q[k]).max(initial=0.0)), k))  # smallest angles first
-    return select_poses(result, solutions[order], q[order])
+    smallest_angles_first = sorted(branch_indices, key=lambda k: (float(np.abs(q[k]).max(initial=0.0)), k))
+    return select_poses(result, solutions[smallest_angles_first], q[smallest_angles_first])
 
 
 def _full_turn_mask(robot: Robot) -> Array:
-    """Mask of joints that repeat after a full turn: revolute, without pitch, without a follower of another ratio."""
-    followed = {body.v_index for body in robot.model.bodies if body.follows}
+    """Mask (nv,) of revolute joints that repeat after a full turn. Joints with pitch or with mimic joints do not."""
+    leader_indices = {body.v_index for body in robot.model.bodies if body.follows}
     mask = np.zeros(robot.nv, bool)
     for body in robot.model.leaders:
         joint = body.joint
         turns = isinstance(joint, ScrewJoint) and joint.turns and not joint.has_pitch
-        mask[body.v_index] = turns and body.v_index not in followed
+        mask[body.v_index] = turns and body.v_index not in leader_indices
     return mask
 
 
 def _without_full_turns(robot: Robot, q: Array) -> Array:
-    """Remove full turns from q if the limits allow the smaller angle."""
-    period = 2.0 * np.pi * _full_turn_mask(robot)
-    smaller = q - period * np.round(q / (2.0 * np.pi))
-    is_inside = (smaller >= robot.limits.lower) & (smaller <= robot.limits.upper)
-    return np.where(is_inside, smaller, q)
+    """Configurations q without full turns, where the limits allow the smaller angle."""
+    period = 2.0 * np.pi * _full_turn_mask(robot)  # 0 for joints without
+    smaller_q = q - period * np.round(q / (2.0 * np.pi))
+    is_inside = (smaller_q >= robot.limits.lower) & (smaller_q <= robot.limits.upper)
+    return np.where(is_inside, smaller_q, q)
 
 
 def _difference_without_turns(robot: Robot, q1: Array, q0: Array) -> Array:

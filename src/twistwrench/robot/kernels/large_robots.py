@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 # instructions; a humanoid's 60,000 instructions exceed processor caches. A loop over the columns avoids this.
 
 COLUMN_LOOP_FROM = 20
-"""Number of pairs of a velocity and a velocity of another joint that it carries, from which a loop is faster.
+"""Number of pairs of velocities of two joints, of which one carries the other, from which a loop is faster.
 
 Source: bench/NOTES.md.
 """
@@ -37,7 +37,7 @@ FORWARD_DERIVATIVES = "forward_dynamics_derivatives"
 
 
 def _is_alone(requested: Mapping[str, Mapping[str, Any]], name: str) -> bool:
-    """True if only this quantity is requested, with no options but wrenches."""
+    """True if only the quantity ``name`` is requested, with no options but wrenches."""
     return tuple(requested) == (name,) and set(requested[name]) <= {"wrenches"}
 
 
@@ -64,22 +64,22 @@ def columns_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Colu
 def _column_groups(program: Program, n: int) -> list[ColumnGroup]:
     """Nonzero columns of ∂τ, grouped by the rows in which they are nonzero.
 
-    The program's results are three matrices (n, n), of which the first two are ∂τ, and then the factor W (n, n) and D.
+    The program's results are three matrices (n, n), of which the first two are ∂τ, then the factors W (n, n) and D.
     """
     is_nonzero = ~np.array(program.zeros[: 2 * n * n]).reshape(2, n, n)
     columns_by_rows: dict[tuple[bool, ...], list[tuple[int, int]]] = {}
     for matrix, column in np.argwhere(is_nonzero.any(axis=1)).tolist():
-        rows = tuple(is_nonzero[matrix, :, column].tolist())
-        columns_by_rows.setdefault(rows, []).append((matrix, column))
-    factor_entries = [program.instructions[result] for result in program.results[3 * n * n : 4 * n * n]]
-    varies = np.array([entry.op != "const" for entry in factor_entries]).reshape(n, n)
-    constant = np.array([entry.value for entry in factor_entries]).reshape(n, n)
+        nonzero_rows = tuple(is_nonzero[matrix, :, column].tolist())
+        columns_by_rows.setdefault(nonzero_rows, []).append((matrix, column))
+    W_entries = [program.instructions[result] for result in program.results[3 * n * n : 4 * n * n]]
+    W_varies = np.array([entry.op != "const" for entry in W_entries]).reshape(n, n)
+    W_constants = np.array([entry.value for entry in W_entries]).reshape(n, n)
 
-    def solution_program(rows: tuple[bool, ...]) -> Program:
-        """Program that solves for a column that is zero in all other rows."""
+    def solution_program(nonzero_rows: tuple[bool, ...]) -> Program:
+        """Program that solves for a column with these nonzero rows."""
 
         def solve(W: Array, D: Array, x: Array) -> Array:
-            return accelerations(np.where(varies, W, constant), D, np.where(rows, x, 0.0))
+            return accelerations(np.where(W_varies, W, W_constants), D, np.where(nonzero_rows, x, 0.0))
 
         return trace(solve, [("W", (n, n)), ("D", (n,)), ("x", (n,))], ["solution"])
 
@@ -133,7 +133,7 @@ class LapackDerivatives:
 
 
 def _inverse(M: Array) -> Array:
-    """M⁻¹, or NaN for singular M: one singular state must not affect the others."""
+    """M⁻¹, and NaN where M is singular, so that one singular state does not affect the others."""
     try:
         return np.linalg.inv(M)
     except np.linalg.LinAlgError:
@@ -158,15 +158,16 @@ class _PairLoops:
     factors: Callable[..., tuple[Array, ...]]
     """Algorithm that returns the factors."""
     before: tuple[tuple[int, int], ...]
-    """By matrix, the indices of the two factors of entries whose row's joint carries the column's."""
+    """For each matrix, indices of the two factors of entries in which the row's joint carries the column's joint."""
     after: tuple[tuple[int, int], ...]
-    """By matrix, the indices of the two factors of all other entries."""
+    """For each matrix, indices of the two factors of all other entries."""
     constant_parts: tuple[Callable[[Model], Array] | None, ...]
-    """By matrix, its constant part."""
+    """For each matrix, function that returns its constant part; None without one."""
     symmetric: bool
+    """True if the matrices are symmetric."""
     instructions_per_velocity: int
     instructions_per_pair: int
-    """Instructions per pair of one velocity and another that it carries."""
+    """Instructions for each pair of a velocity and a velocity that it carries."""
 
 
 _PAIR_LOOPS = {
@@ -192,7 +193,7 @@ _PAIR_LOOPS = {
 
 
 def products_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Products | Program | None:
-    """Loops for one quantity; its unrolled program if that is short enough; None for other quantities."""
+    """Loops for one quantity, or its unrolled program if this is short enough; None for other quantities."""
     name, options = next(iter(requested.items()))
     loops = _PAIR_LOOPS.get(name)
     if loops is None or not _is_alone(requested, name):
@@ -210,7 +211,7 @@ def products_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Pro
         if len(unrolled.instructions) < PAIR_LOOP_FROM:
             return unrolled
     is_carried = carries.T
-    if loops.symmetric:  # each pair of two velocities of one body once
+    if loops.symmetric:  # two velocities of one body are one pair, not two
         is_same_body = bodies[:, None] == bodies
         is_above_diagonal = np.triu(np.ones_like(is_same_body), 1)
         is_carried = is_carried & ~(is_same_body & is_above_diagonal)
@@ -224,12 +225,12 @@ def products_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Pro
     factor_count = len(set(chain(*loops.before, *loops.after)))
     program = trace(factors, inputs_of(model, name, options), [f"factor {k}" for k in range(factor_count)])
     matrices = []
-    pairs_and_constants = zip(quantity.outputs, loops.before, loops.after, loops.constant_parts, strict=True)
-    for output, before, after, constant_part in pairs_and_constants:
-        entries: tuple[tuple[int, int, float], ...] = ()
+    fields_of_matrices = zip(quantity.outputs, loops.before, loops.after, loops.constant_parts, strict=True)
+    for output, before, after, constant_part in fields_of_matrices:
+        constant_entries: tuple[tuple[int, int, float], ...] = ()
         if constant_part is not None:
             constant = constant_part(regrouped_model)
-            rows_and_columns = np.argwhere(constant).tolist()
-            entries = tuple((row, column, float(constant[row, column])) for row, column in rows_and_columns)
-        matrices.append(Product(output, before, after, entries))
+            rows_and_columns = np.argwhere(constant).tolist()  # of entries that are not zero
+            constant_entries = tuple((row, column, float(constant[row, column])) for row, column in rows_and_columns)
+        matrices.append(Product(output, before, after, constant_entries))
     return Products(program, tuple(matrices), tuple(map(tuple, relations.tolist())))

@@ -14,7 +14,7 @@ from ..quantities import QUANTITIES, Shape, other_name_hint
 
 
 class KernelOptions(TypedDict, total=False):
-    """Options of :meth:`twistwrench.Robot.kernel`."""
+    """Options of :meth:`twistwrench.Robot.kernel`, which explains them."""
 
     frame: str | None
     kind: Literal["body", "space", "world_aligned"]
@@ -35,10 +35,11 @@ DERIVATIVE_OPTIONS: Mapping[str, Any] = {"by": None, "form": "jacobian", "mode":
 """Derivative options of every quantity, with defaults."""
 
 _MAX_LISTED_LINKS = 12
+"""Largest number of links that an error message names."""
 
 
 def options_of(name: str) -> tuple[str, ...]:
-    """Options of a quantity; raises UnknownNameError."""
+    """Names of the options of a quantity; raises UnknownNameError."""
     if name not in QUANTITIES:
         hint = other_name_hint(str(name))
         if hint:
@@ -50,7 +51,7 @@ def options_of(name: str) -> tuple[str, ...]:
 
 
 def options_by_quantity(model: Model, names: Sequence[str], options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Each quantity with the options that apply to it, validated."""
+    """Validated options that apply to each quantity, by name of the quantity."""
     if not names:
         raise UnknownNameError.from_choices("quantity", "", QUANTITIES)
     if len(set(names)) < len(names):
@@ -59,27 +60,28 @@ def options_by_quantity(model: Model, names: Sequence[str], options: Mapping[str
         return {names[0]: checked_options(model, names[0], options)}
     allowed_by_quantity = {name: options_of(name) for name in names}
     for option in options:
-        if all(option not in allowed for allowed in allowed_by_quantity.values()):
+        is_unknown = all(option not in allowed_options for allowed_options in allowed_by_quantity.values())
+        if is_unknown:
             raise KernelError(f"none of {', '.join(names)} takes an option {option!r}.")
-    checked = {}
-    for name, allowed in allowed_by_quantity.items():
-        applicable = {option: value for option, value in options.items() if option in allowed}
-        checked[name] = checked_options(model, name, applicable)
-    return checked
+    options_of_quantities = {}
+    for name, allowed_options in allowed_by_quantity.items():
+        applicable = {option: value for option, value in options.items() if option in allowed_options}
+        options_of_quantities[name] = checked_options(model, name, applicable)
+    return options_of_quantities
 
 
 def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Options with defaults filled in, frames resolved and kinds checked."""
-    allowed = options_of(name)
+    allowed_options = options_of(name)
     for option in options:
-        if option not in allowed:
-            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed)}.")
+        if option not in allowed_options:
+            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed_options)}.")
     if name == "christoffel":
         _require_plain_rates(model)
     complete_options: dict[str, Any] = {}
-    if "frame" in allowed:
+    if "frame" in allowed_options:
         frame = options.get("frame")
-        model.frame(frame)
+        model.frame(frame)  # only for its error
         complete_options["frame"] = model.tip if frame is None else frame
     if options.get("gravity") is not None:
         if not isinstance(options["gravity"], str) or options["gravity"] != "input":
@@ -90,23 +92,23 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         complete_options["gravity"] = "input"
     if options.get("friction"):
         complete_options["friction"] = True
-    if "kind" in allowed:
+    if "kind" in allowed_options:
         complete_options["kind"] = options.get("kind", "body")
         if complete_options["kind"] not in kinematics.KINDS:
             kind = str(complete_options["kind"])
-            own_name = kinematics.PINOCCHIO.get(kind.upper())
-            if own_name:
+            name_here = kinematics.PINOCCHIO.get(kind.upper())
+            if name_here:
                 raise UnknownNameError(
-                    f"no kind named {kind!r}: Pinocchio's name for kind={own_name!r}, which has angular rows first."
+                    f"no kind named {kind!r}: Pinocchio's name for kind={name_here!r}, which has angular rows first."
                 )
             raise UnknownNameError.from_choices("kind", complete_options["kind"], kinematics.KINDS)
-    if "rows" in allowed:
+    if "rows" in allowed_options:
         if model.nv == 0:
             raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")
         complete_options["rows"] = kinematics.row_numbers(options.get("rows"))
-    if "constraints" in allowed:
+    if "constraints" in allowed_options:
         complete_options["constraints"] = _constraints(name, options.get("constraints", ()))
-    if "wrenches" in allowed:
+    if "wrenches" in allowed_options:
         complete_options |= _wrench_options(model, name, options)
     if options.get("parameters"):
         complete_options["parameters"] = matching(model, _names_tuple(options["parameters"]))
@@ -114,7 +116,8 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         _require_mass(model, name, complete_options.get("parameters", ()))
     options_of_derivative = [option for option in DERIVATIVE_OPTIONS if option in options and option != "by"]
     if options.get("by") is not None:
-        by, form, mode, values = (options.get(option, default) for option, default in DERIVATIVE_OPTIONS.items())
+        derivative_options = {**DERIVATIVE_OPTIONS, **options}
+        by, form, mode, values = (derivative_options[option] for option in DERIVATIVE_OPTIONS)
         inputs = tuple(input_shapes(model, name, complete_options))
         complete_options["derivative"] = Derivative.from_inputs(name, inputs, by, form, mode, values)
     elif options_of_derivative:
@@ -125,19 +128,19 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
 
 
 def _names_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
-    """One name or several, as a tuple."""
+    """Tuple of one name or several names."""
     return (names,) if isinstance(names, str) else tuple(names)
 
 
 def _wrench_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Frames of the wrenches, and those of the wrenches applied by the world."""
+    """Options ``wrenches``, frames of all wrenches, and ``on_robot``, frames of wrenches applied by the world."""
     wrenches = options.get("wrenches", ())
     if not isinstance(wrenches, str | Sequence):
         raise KernelError(f"{name}: wrenches={wrenches!r} is not allowed. Give the names of frames.")
     frames = _names_tuple(wrenches)
     on_robot = _names_tuple(options.get("on_robot") or ())
     for frame in frames:
-        model.frame(frame)
+        model.frame(frame)  # only for its error
     if len(set(frames)) < len(frames):
         raise KernelError(f"{name}: a frame is named twice in wrenches={frames}. Add its wrenches up first.")
     for frame in on_robot:
@@ -149,7 +152,7 @@ def _wrench_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
 
 
 def _constraints(name: str, option: Any) -> tuple[constraints.Constraint, ...]:
-    """Option ``constraints``, checked."""
+    """Return the option ``constraints``; raises KernelError unless it is a tuple of constraints."""
     is_tuple = isinstance(option, tuple) and len(option) > 0
     if not is_tuple or not all(isinstance(constraint, constraints.Constraint) for constraint in option):
         raise KernelError(

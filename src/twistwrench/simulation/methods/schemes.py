@@ -21,6 +21,7 @@ class Scheme(Protocol):
     """One-step method."""
 
     order: int
+    """Order of convergence."""
     quadrature: tuple[Array, Array]
     """Times at which forces are evaluated, as fractions of a step, and their weights in the impulse: c and b."""
 
@@ -32,7 +33,7 @@ class Scheme(Protocol):
         """Same method for a copy of its system."""
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
-        """State at t + ``h``; ``rate`` is f(t, y), the rate of the state at its begin."""
+        """State at t + ``h``; ``rate`` is f(t, y), the rate of the state at the begin of the step."""
 
 
 class RungeKutta:
@@ -47,7 +48,7 @@ class RungeKutta:
         self.a, self.b, self.c, self.error, self.dense = tableau.numbers
         self.quadrature = self.c, self.b
         self.K = np.zeros((len(self.b), system.size))
-        """Rates k_i of the stages of the last step, one a row."""
+        """Rates k_i of the stages of the last step, one per row."""
 
     def on(self, system: System) -> RungeKutta:
         """Same method for a copy of its system."""
@@ -107,7 +108,7 @@ class SemiImplicit:
 
 
 class OneByOne:
-    """Steps of a method, each from a state by itself.
+    """Steps of a method, one state at a time.
 
     A step begins with the rates at its state and ends with the normalisation of quaternions.
     """
@@ -131,7 +132,8 @@ class OneByOne:
 
     def after(self, t: float, y: Array, h: float) -> Array:
         """State at t + ``h``."""
-        return self.step_and_accelerations(t, y, h)[0]
+        y1, _ = self.step_and_accelerations(t, y, h)
+        return y1
 
     def step_and_accelerations(self, t: float, y: Array, h: float) -> tuple[Array, Array]:
         """State at t + h, and accelerations (nv,) at t."""

@@ -27,7 +27,7 @@ MAX_REMAINING_STEPS = 100_000
 
 
 class Stiffness:
-    """Trial steps since the last check, and the number limited by stability."""
+    """Counts of trial steps since the last check: all steps, and steps limited by stability."""
 
     def __init__(self, system: System, trials: TrialSteps | FunctionTrials, duration: float) -> None:
         self.system = system
@@ -46,30 +46,30 @@ class Stiffness:
         Raises SimulationError if the equations are stiff and the run would take too long.
         """
         self._trials += 1
-        self._limited += steepness > STABILITY_LIMIT * distance > 0.0  # h λ above the limit
+        self._limited += steepness > STABILITY_LIMIT * distance > 0.0  # h λ = steepness / distance is above the limit
         if self._trials < CHECK_INTERVAL:
             return
         mean_step = (t - self._begin) / self._trials
         is_stiff = self._limited > MAX_LIMITED_SHARE * self._trials
         if is_stiff and self.duration - t > MAX_REMAINING_STEPS * mean_step:
             K = self.trials.rates[self.trials.count]
-            change = (K[-1] - K[-2])[self.system.moving]
-            raise SimulationError(self._message(t, h, mean_step, change))
+            acceleration_change = (K[-1] - K[-2])[self.system.moving]
+            raise SimulationError(self._message(t, h, mean_step, acceleration_change))
         self._trials = 0
         self._limited = 0
         self._begin = t
 
-    def _message(self, t: float, h: float, mean_step: float, change: Array) -> str:
-        """Error message for a stiff run: joint, step and remedy; ``change`` (nv,) is that of the accelerations."""
+    def _message(self, t: float, h: float, mean_step: float, acceleration_change: Array) -> str:
+        """Error message for a stiff run: joint, step and remedy. ``acceleration_change`` (nv,) is between the last stages."""
         names = self.system.robot.model.velocity_names
         friction = self.system.friction
-        worst = int(np.argmax(np.abs(change)))
-        remaining = "endlessly many"
+        worst = int(np.argmax(np.abs(acceleration_change)))
+        count_text = "endlessly many"
         if mean_step > 0.0:
             remaining_steps = (self.duration - t) / mean_step
-            remaining = f"some {printed(remaining_steps, 1)}"
+            count_text = f"some {printed(remaining_steps, 1)}"
         problem = (
-            f"at t = {printed(t)} s the equations are stiff: stability needs steps of {residual(h)} s, {remaining} more to "
+            f"at t = {printed(t)} s the equations are stiff: stability needs steps of {residual(h)} s, {count_text} more to "
             "the end"
         )
         if friction is not None and friction.dry[worst]:

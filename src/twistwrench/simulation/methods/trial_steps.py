@@ -34,14 +34,14 @@ class TrialStep(StepPlan):
 
     @property
     def stages(self) -> int:
-        """Number of evaluations of forward dynamics: not that of the first stage, whose rates are inputs."""
+        """Number of evaluations of forward dynamics; the first stage needs none, since its rates are inputs."""
         return STAGES - 1
 
     def recurrence(self) -> Scan:
         """Loop over the stages, with the states q, dq, W, the rates (7, size), error (size,) and statistics (4,) of a step.
 
         The rates of the first stage are inputs; error and statistics are outputs only. The inputs are the step's length,
-        those of the plan, and the tolerances.
+        the inputs of the plan, and the tolerances.
         """
         model = self.model
         nq, nv, works = model.nq, model.nv, len(WORKS)
@@ -69,7 +69,10 @@ class TrialStep(StepPlan):
         h: Any,
         *inputs: Any,
     ) -> tuple[Array, ...]:
-        """Write the rates of a stage into K, by the first half of a row; its second half gives the next stage or the end."""
+        """Write the rates of a stage into K, and take the step to the next stage or to the end.
+
+        The first half of ``row`` is 1 at the stage; the second half has the weights of the step.
+        """
         *forces, rtol, atol = inputs
         rates, _, _ = self._rates(angles, angles, dq, forces)
         rate = np.concatenate(rates)
@@ -103,15 +106,15 @@ def _stage_table() -> tuple[tuple[float, ...], ...]:
 def error_and_statistics(
     moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, atol: Any
 ) -> tuple[Array, Array]:
-    """Error (size,) of a step from y to y1, and four squares: of its norm, steepness, distance and speed.
+    """Error (size,) of a step from y to y1, and squares of its norm, of steepness, distance and speed (4,).
 
-    Steepness is h |k_7 - k_6|, and distance is that of the states of the last two stages, both without works.
+    Steepness is h |k_7 - k_6|. Distance is between the states of the last two stages. Both are without works.
     """
     motion = slice(0, moving.stop)
     a, _, _, weights, _ = DORMAND_PRINCE.numbers
     error = h * (weights @ K)
-    largest = np.array([abs(x).clip(abs(x1), np.inf) for x, x1 in zip(y, y1, strict=True)], object)
-    relative_error = (error / (atol + rtol * largest))[motion]
+    larger_state = np.array([abs(x).clip(abs(x1), np.inf) for x, x1 in zip(y, y1, strict=True)], object)  # of both ends
+    relative_error = (error / (atol + rtol * larger_state))[motion]
     rate_change = (K[-1] - K[-2])[motion]
     distance = (y1 - y - h * (a[-2][: STAGES - 2] @ K[:-2]))[motion]
     statistics = zeros(4)
@@ -154,22 +157,24 @@ class TrialSteps:
         self._tau = np.zeros((1, system.nv))
         self._held: Array | None = None
         """Torques of the controller that stand in the inputs."""
-        # An input or output is an array and its row for each call: always the first one, or that of the step.
+        # An input or output is an array and its row for each call k: always row 0, or row k.
         first_row, own_row = np.zeros(m, int), np.arange(m)
         parts_of_state = slice(0, system.nq), system.moving, slice(system.nq + system.nv, size)
-        before = [(self._y[:, part], first_row) for part in parts_of_state]
-        after = [(self.states[:, part], own_row) for part in parts_of_state]
+        rows_before = [(self._y[:, part], first_row) for part in parts_of_state]
+        rows_after = [(self.states[:, part], own_row) for part in parts_of_state]
         error_rows = [(self.errors, own_row), (self.statistics, own_row)]
         values = {"tau": self._tau}
-        for name, x in constants(system, plan).items():
-            values[name] = x[None]
+        for name, constant in constants(system, plan).items():
+            values[name] = constant[None]
         plan_inputs = [(values[name], first_row) for name, _ in plan.inputs[1:]]
         tolerance_inputs = [(np.array([tolerance]), first_row) for tolerance in tolerances]
-        inputs: list[Rows] = [*before, (self._K, first_row), *error_rows, (self._h, first_row)]
-        tau = len(inputs) - 1 + list(dict(plan.inputs)).index("tau")  # the length is the first input of the plan
+        inputs: list[Rows] = [*rows_before, (self._K, first_row), *error_rows, (self._h, first_row)]
+        plan_input_names = list(dict(plan.inputs))
+        first_plan_input = len(inputs) - 1  # the length of the step, which is the first input of the plan
+        tau_input = first_plan_input + plan_input_names.index("tau")
         inputs += [*plan_inputs, *tolerance_inputs]
-        outputs: list[Rows] = [*after, (self.rates, own_row), *error_rows]
-        self._call = _row_caller(kernel, inputs, outputs, tau)
+        outputs: list[Rows] = [*rows_after, (self.rates, own_row), *error_rows]
+        self._call = _row_caller(kernel, inputs, outputs, tau_input)
 
     @classmethod
     def build(cls, system: System, tolerances: tuple[float, float]) -> TrialSteps | None:
@@ -190,7 +195,7 @@ class TrialSteps:
         return cls(system, plan, kernel, tolerances)
 
     def attempt(self, _t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:
-        """Try a step from a state and its rates (size,): norm of its error, steepness, distance, and squared speed."""
+        """Try a step from a state and its rates (size,); returns norm of the error, steepness, distance and squared speed."""
         if self.full:
             self.restart()
         s, k = self.system, self.count
@@ -225,10 +230,10 @@ class TrialSteps:
         return np.asarray(self._total + np.abs(self.errors[: self.count]).sum(axis=0))
 
 
-def _row_caller(kernel: Any, inputs: list[Rows], outputs: list[Rows], tau: int) -> Callable[[int], Any]:
-    """Function that makes call k of a kernel, from and to rows of arrays; ``tau`` is the number of the torques' input."""
+def _row_caller(kernel: Any, inputs: list[Rows], outputs: list[Rows], tau_input: int) -> Callable[[int], Any]:
+    """Function that makes call k of a kernel, from and to rows of arrays; ``tau_input`` is the index of the torques."""
     if can_bind_calls(kernel):
-        return bind_calls(kernel, [*inputs, *outputs], tau, len(inputs) + len(outputs) - 1)
+        return bind_calls(kernel, [*inputs, *outputs], tau_input, len(inputs) + len(outputs) - 1)
 
     def call(k: int) -> None:  # the first seven inputs are three parts of the state, K, error, statistics and length
         *states, length = [x[rows[k]] for x, rows in inputs[:7]]
@@ -249,10 +254,11 @@ class FunctionTrials:
         self.scheme = scheme
         self.tolerances = tolerances
         self.total = np.zeros(system.size)
-        self.states = self.rates = self.errors = np.zeros((1, system.size))  # replaced by the first attempt
+        no_row = np.zeros((1, system.size))  # replaced by the first attempt
+        self.states, self.rates, self.errors = no_row, no_row, no_row
 
     def attempt(self, t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:
-        """Try a step from a state and its rates (size,): norm of its error, steepness, distance; the speed is unknown."""
+        """Try a step from a state and its rates (size,); returns norm of the error, steepness, distance and NaN."""
         scheme = self.scheme
         motion = slice(0, self.system.size - len(WORKS))
         rtol, atol = self.tolerances

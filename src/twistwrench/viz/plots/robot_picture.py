@@ -25,9 +25,21 @@ if TYPE_CHECKING:
     from ...robot import Robot
     from ...shapes.surface import Surface
 
-_TO_SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
+_LIGHT_DIRECTION = np.array([0.35, -0.45, 0.85])
+_TO_LIGHT = _LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)
 """Unit vector towards the light."""
+_AMBIENT_LIGHT = 0.50
+"""Brightness of a surface that no light reaches, as a share of its colour."""
+_SKY_LIGHT = 0.16
+"""Additional brightness of a surface that faces upward; less for one that faces downward."""
+_DIRECT_LIGHT = 0.46
+"""Additional brightness of a surface that faces the light."""
+_MIN_NORMAL = 1e-300
+"""Length of a normal in place of zero, for triangles without area."""
+_MIN_DEPTH_SHARE = 1e-3
+"""Smallest depth of a point, as a share of the camera's distance; points behind the camera get it, too."""
 _SHADOW_COLOUR = (0.80, 0.82, 0.85)
+"""Red, green and blue of shadows, from 0 to 1."""
 CAMERA_DISTANCE = 2.6
 """Camera distance as a multiple of the scene size."""
 _MAX_SHADOW_TRIANGLES = 1500
@@ -35,6 +47,7 @@ _MAX_SHADOW_TRIANGLES = 1500
 MAX_TRIANGLES = 5000
 """Maximum number of triangles of a robot in a picture."""
 _OPACITY = {"looks": 1.0, "inertia": 0.3}
+"""Opacity of shapes, by layer; 1 is opaque."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +96,13 @@ class Camera:
         depths : (...) array [m]
         """
         in_camera = (np.asarray(points) - self.target) @ self.axes().T
-        depths = np.maximum(self.distance - in_camera[..., 2], 1e-3 * self.distance)  # points behind it stay before it
+        depths = np.maximum(self.distance - in_camera[..., 2], _MIN_DEPTH_SHARE * self.distance)
         return in_camera[..., :2] * (self.distance / depths)[..., None], depths
 
 
 def overview(scene: Scene, poses: Array, azimuth: float = -0.9, elevation: float = 0.35) -> tuple[Camera, float]:
     """Camera that shows all poses (n, nq) from a minimum distance, and the height of their lowest point."""
-    bounds = np.stack([scene.bounds(q) for q in poses])
+    bounds = np.stack([scene.bounds(q) for q in poses])  # (poses, 2, 3): lowest and highest corner of each
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     size = max(scene.size, float(np.linalg.norm(high - low)))
     return Camera((low + high) / 2, CAMERA_DISTANCE * size, azimuth, elevation), float(low[2])
@@ -101,13 +114,15 @@ class Painter:
     def __init__(self, scene: Scene, camera: Camera, floor: float) -> None:
         self.scene, self.camera, self.floor = scene, camera, floor
         layers = {"looks"} if scene.dressed or scene.doubtful else {"looks", "inertia"}
-        drawn = [shape for shape in scene.shapes if shape.layer in layers]
-        shading = [shape for shape in scene.decimated(_MAX_SHADOW_TRIANGLES).shapes if shape.layer == "looks"]
-        self.parts = [(shape, shape.surface.placed(shape.pose)) for shape in drawn]
-        self.shades = [(shape, shape.surface.placed(shape.pose)) for shape in shading]
+        drawn_shapes = [shape for shape in scene.shapes if shape.layer in layers]
+        shadow_shapes = [shape for shape in scene.decimated(_MAX_SHADOW_TRIANGLES).shapes if shape.layer == "looks"]
+        self.parts = [(shape, shape.surface.placed(shape.pose)) for shape in drawn_shapes]
+        """Drawn shapes with their surfaces in the frame of the body."""
+        self.shades = [(shape, shape.surface.placed(shape.pose)) for shape in shadow_shapes]
+        """Shapes that cast shadows, with their surfaces in the frame of the body."""
 
     def paint(self, q: Array) -> tuple[Array, Array]:
-        """Triangles (k, 3, 2) with colours (k, 4), from far to near after the shadows; q (nq,)."""
+        """Triangles (k, 3, 2) with colours (k, 4) at q (nq,): first shadows, then shapes from far to near."""
         poses = self.scene.body_poses(q)
         corners = np.concatenate([_base_corners(shape, surface, poses) for shape, surface in self.parts])
         colours_by_part = []
@@ -116,36 +131,43 @@ class Painter:
             colours_by_part.append(np.tile(colour, (len(surface.faces), 1)))
         colours = np.concatenate(colours_by_part)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        eye = self.camera.target + self.camera.distance * self.camera.axes()[2]
-        facing = np.einsum("ij,ij->i", normals, eye - corners.mean(axis=1))
-        shown = (facing > 0) | (colours[:, 3] == 1.0)  # transparent shapes show front faces only
-        corners, colours, facing, normals = corners[shown], colours[shown], facing[shown], normals[shown]
-        normals = normals * np.where(facing < 0, -1.0, 1.0)[:, None]  # back faces are lit from their own side
-        light = 0.50 + 0.16 * normals[:, 2] + 0.46 * np.maximum(normals @ _TO_SUN, 0.0)
-        colours[:, :3] = np.clip(colours[:, :3] * light[:, None], 0.0, 1.0)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _MIN_NORMAL)
+        _, _, back = self.camera.axes()
+        eye = self.camera.target + self.camera.distance * back
+        towards_eye = np.einsum("ij,ij->i", normals, eye - corners.mean(axis=1))  # above 0 for front faces
+        is_shown = (towards_eye > 0) | (colours[:, 3] == 1.0)  # transparent shapes show front faces only
+        corners, colours = corners[is_shown], colours[is_shown]
+        towards_eye, normals = towards_eye[is_shown], normals[is_shown]
+        sides = np.where(towards_eye < 0, -1.0, 1.0)  # back faces are lit from their own side
+        normals = normals * sides[:, None]
+        direct_light = np.maximum(normals @ _TO_LIGHT, 0.0)
+        brightness = _AMBIENT_LIGHT + _SKY_LIGHT * normals[:, 2] + _DIRECT_LIGHT * direct_light
+        colours[:, :3] = np.clip(colours[:, :3] * brightness[:, None], 0.0, 1.0)
         triangles, depths = self.camera.project(corners)
         far_to_near = np.argsort(-depths.mean(axis=1))
-        shading = np.concatenate([_base_corners(shape, surface, poses) for shape, surface in self.shades])
-        on_floor = shading - (shading[..., 2:] - self.floor) * (_TO_SUN / _TO_SUN[2])  # along the light
-        shadow, _ = self.camera.project(on_floor)
-        shadow_colours = np.tile((*_SHADOW_COLOUR, 1.0), (len(shadow), 1))
-        all_triangles = np.concatenate([shadow, triangles[far_to_near]])
+        shading_corners = np.concatenate([_base_corners(shape, surface, poses) for shape, surface in self.shades])
+        heights = shading_corners[..., 2:] - self.floor
+        corners_on_floor = shading_corners - heights * (_TO_LIGHT / _TO_LIGHT[2])  # along the light
+        shadows, _ = self.camera.project(corners_on_floor)
+        shadow_colours = np.tile((*_SHADOW_COLOUR, 1.0), (len(shadows), 1))
+        all_triangles = np.concatenate([shadows, triangles[far_to_near]])
         return all_triangles, np.concatenate([shadow_colours, colours[far_to_near]])
 
     def grid(self, size: float) -> Array:
-        """Grid lines on the floor, (k, 2, 2)."""
-        step = 10.0 ** np.floor(np.log10(size / 4))
-        count = int(np.ceil(0.9 * size / step))
+        """Grid lines on the floor, (k, 2, 2), for a scene of this size [m]."""
+        step = 10.0 ** np.floor(np.log10(size / 4))  # power of ten, with at least four cells in the scene
+        count = int(np.ceil(0.9 * size / step))  # on each side, so that the grid is nearly twice the scene
         middle = np.round(self.camera.target[:2] / step) * step
         half_width = count * step
         offsets = np.arange(-count, count + 1) * step
         ends = np.array([[-half_width, half_width]]) + np.zeros((len(offsets), 1))
         both_offsets = np.stack([offsets, offsets], axis=1)
-        along_x, along_y = np.stack([ends, both_offsets], axis=-1), np.stack([both_offsets, ends], axis=-1)
-        lines = np.concatenate([along_x, along_y]) + middle
+        lines_along_x = np.stack([ends, both_offsets], axis=-1)
+        lines_along_y = np.stack([both_offsets, ends], axis=-1)
+        lines = np.concatenate([lines_along_x, lines_along_y]) + middle
         heights = np.full((*lines.shape[:-1], 1), self.floor)
-        return self.camera.project(np.concatenate([lines, heights], axis=-1))[0]
+        lines_in_picture, _ = self.camera.project(np.concatenate([lines, heights], axis=-1))
+        return lines_in_picture
 
 
 def _base_corners(shape: Shape, surface: Surface, poses: Array) -> Array:
@@ -158,7 +180,7 @@ def _base_corners(shape: Shape, surface: Surface, poses: Array) -> Array:
 
 
 _MIN_SHADE = 0.28
-"""Strength of the colours of the palest pose."""
+"""Strength of the colours of the palest pose, from 0 to 1."""
 
 
 def draw(
@@ -210,7 +232,7 @@ def draw(
     if floor is not None:
         floor_height = arguments.number(floor, "draw: floor")
     painter = Painter(scene, camera, floor_height)
-    n_shadows = sum(len(surface.faces) for _, surface in painter.shades)
+    shadow_count = sum(len(surface.faces) for _, surface in painter.shades)
     for k, pose in enumerate(poses):
         triangles, colours = painter.paint(pose)
         shade = 1.0
@@ -218,11 +240,12 @@ def draw(
             shade = _MIN_SHADE + (1.0 - _MIN_SHADE) * (k + 1) / len(poses)
         colours[:, :3] = 1.0 - shade * (1.0 - colours[:, :3])
         edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # edges hide seams of opaque shapes
-        is_shadow = np.arange(len(triangles)) < n_shadows
+        is_shadow = np.arange(len(triangles)) < shadow_count
         is_opaque = colours[:, 3] == 1.0  # only inertia ellipsoids are not
-        for mask, order in ((is_shadow, 1), (~is_shadow & (inertia | is_opaque), 2)):  # shadows lie below all poses
+        is_shape = ~is_shadow & (inertia | is_opaque)
+        for mask, layer in ((is_shadow, 1), (is_shape, 2)):  # shadows lie below all poses
             options: dict[str, Any] = {"facecolors": colours[mask], "edgecolors": edges[mask], "linewidths": 0.3}
-            axes.add_collection(PolyCollection(list(triangles[mask]), zorder=order, **options))
+            axes.add_collection(PolyCollection(list(triangles[mask]), zorder=layer, **options))
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_axis_off()
@@ -260,18 +283,19 @@ def still(
     q = starting_pose(robot) if q is None else np.asarray(q, float)
     if scene is None:
         scene = scene_of(robot)
-    marked = _bodies_of_joint(robot, joint)
+    marked_bodies = _bodies_of_joint(robot, joint)
     shapes = []
     for shape in scene.shapes:
-        if shape.body in marked and shape.layer == "looks":
+        if shape.body in marked_bodies and shape.layer == "looks":
             shape = replace(shape, colour=COLOURS[mark].scene)
         shapes.append(shape)
     with style.figure(6.4, 4.6, "", "Drawing the report") as drawn:
         axes = drawn.subplots()
         scene = replace(scene, shapes=tuple(shapes)).decimated(MAX_TRIANGLES)
         camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=_broadest_azimuth(scene, q))
-        if label and marked:
-            x, y = camera.project(scene.body_poses(q)[marked[0], :3, 3])[0]
+        if label and marked_bodies:
+            origin = scene.body_poses(q)[marked_bodies[0], :3, 3]
+            (x, y), _ = camera.project(origin)
             _write_label(axes, float(x), float(y), label, COLOURS[mark].plot)
         buffer = BytesIO()
         drawn.savefig(buffer, format="png", dpi=150, transparent=True, bbox_inches="tight")
@@ -279,7 +303,7 @@ def still(
 
 
 def _bodies_of_joint(robot: Robot, joint: str | None) -> list[int]:
-    """Bodies moved by a joint, or by all joints of a coupled motor of that name."""
+    """Indices of the bodies moved by a joint, or by the joints of a coupled motor of this name; empty for None."""
     names = {joint}
     for coupling in robot.model.couplings:
         if joint in [coupling.label(motor) for motor in coupling.motors]:
@@ -289,18 +313,21 @@ def _bodies_of_joint(robot: Robot, joint: str | None) -> list[int]:
 
 def _write_label(axes: style.Axes, x: float, y: float, label: str, colour: str) -> None:
     """Write a label beside the picture, on the side of a point to which a line leads."""
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    left, right = axes.get_xlim()
+    low, high = axes.get_ylim()
     height = (y - low) / (high - low)  # as a fraction of the axes
-    place, alignment = (-0.02, height), "right"
+    place = (-0.02, height)  # just outside the axes
+    alignment = "right"
     if x > (left + right) / 2:
-        place, alignment = (1.02, height), "left"
+        place = (1.02, height)
+        alignment = "left"
     axes.annotate(
         label, (x, y), place, textcoords="axes fraction", ha=alignment, va="center", color=colour, fontsize=11,
         fontweight="bold", arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 1.0},
     )  # fmt: skip
 
 
-def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, most: int) -> bytes:
+def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, max_bytes: int) -> bytes:
     """First frame of a page as WebP, of a given width in pixels and limited in bytes.
 
     Links of joints that pass their torque limits on the motion are red.
@@ -321,23 +348,26 @@ def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, 
     with Image.open(BytesIO(still(scene.robot, q, scene=scene))) as image:
         thumbnail = image.convert("RGBA")
         thumbnail.thumbnail((width, width))
-        for quality in (80, 60, 40, 20):
+        for quality in (80, 60, 40, 20):  # the best one that fits, or the last
             buffer = BytesIO()
             thumbnail.save(buffer, "WEBP", quality=quality)
-            if buffer.tell() <= most:
+            if buffer.tell() <= max_bytes:
                 break
     return buffer.getvalue()
 
 
 def _broadest_azimuth(scene: Scene, q: Array) -> float:
-    """Azimuth of the widest view of the robot's bodies."""
+    """Azimuth [rad] of the view in which the origins of the robot's bodies take the largest area, of four views."""
     poses = scene.body_poses(q)
     origins = poses[np.isfinite(poses[:, 0, 3]), :3, 3]
     points = np.concatenate([np.zeros((1, 3)), origins])
-    views = [Camera(points.mean(axis=0), CAMERA_DISTANCE * scene.size, -0.9 + k * np.pi / 4) for k in (0, 1, -1, 2)]
+    middle = points.mean(axis=0)
+    azimuths = [Camera.azimuth + k * np.pi / 4 for k in (0, 1, -1, 2)]  # the usual one first
+    views = [Camera(middle, CAMERA_DISTANCE * scene.size, azimuth) for azimuth in azimuths]
 
     def picture_area(view: Camera) -> float:
-        return float(np.prod(np.ptp(view.project(points)[0], axis=0)))
+        points_in_picture, _ = view.project(points)
+        return float(np.prod(np.ptp(points_in_picture, axis=0)))
 
     return max(views, key=picture_area).azimuth
 
@@ -345,19 +375,21 @@ def _broadest_azimuth(scene: Scene, q: Array) -> float:
 def mark_overloaded_links(scene: Scene, motion: DrawnMotion) -> Scene:
     """Scene without inertia ellipsoids, with links of joints over their torque limits in red."""
     effort = motion.limits.effort
-    over = over_limit(motion.peaks / np.where(effort > 0, effort, np.inf))  # 0: no limit is known
-    overloaded = set()
+    shares = motion.peaks / np.where(effort > 0, effort, np.inf)  # an effort of 0 means that no limit is known
+    is_over = over_limit(shares)
+    overloaded_bodies = set()
     for k, body in enumerate(scene.robot.model.bodies):
-        if not body.follows and over[body.places[1]].any():
-            overloaded.add(k)
-    looks = []
+        _, velocities = body.places
+        if not body.follows and is_over[velocities].any():
+            overloaded_bodies.add(k)
+    shapes = []
     for shape in scene.shapes:
         if shape.layer != "looks":
             continue
-        if shape.body in overloaded:
+        if shape.body in overloaded_bodies:
             shape = replace(shape, colour=COLOURS[Style.OVER].scene)
-        looks.append(shape)
-    return replace(scene, shapes=tuple(looks))
+        shapes.append(shape)
+    return replace(scene, shapes=tuple(shapes))
 
 
 complete(globals())
