@@ -263,8 +263,7 @@ class Differentiation:
         if differentiated_part == "q" and derives:
             curves = [continuity.curves(x, turn) for x in parts]
         quality = survey(times, parts, curves)
-        strengths = np.zeros(len(columns))
-        deviation = quality.noise
+        strengths, deviation = np.zeros(len(columns)), quality.noise
         if smoothing:
             strengths, deviation = _strengths(times, curves, quality, progress)
         sigma = deviation * factors  # of the columns, in SI units

@@ -27,7 +27,7 @@ _MATCHING_STEPS = 4
 """Number of fixed-point iterations of the match of tails."""
 _MIN_FREEDOM = 2.1
 """Lower bound of an unknown's degrees of freedom; the mean of F is infinite at 2."""
-_TINY = 1e-300
+_MIN_DIVISOR = 1e-300
 """Divisor in place of zero."""
 
 
@@ -74,7 +74,7 @@ def channel_covariance(Q: Array, half: Array, freedom: Array, groups: Array) -> 
     variance_by_group = np.stack(group_variances, axis=1)
     total = variance_by_group.sum(axis=1)
     denominator = (variance_by_group**2 / np.array(group_freedom)).sum(axis=1)
-    satterthwaite = total**2 / np.maximum(denominator, _TINY)
+    satterthwaite = total**2 / np.maximum(denominator, _MIN_DIVISOR)
     return half @ half.T, np.where(denominator > 0, satterthwaite, np.inf)
 
 
@@ -104,7 +104,7 @@ def sum_freedom(variances: Array, freedom: Array) -> Array:
 
     total = variances.sum(axis=0)
     denominator = (variances**2 / np.maximum(freedom, 1.0)).sum(axis=0)
-    satterthwaite = total**2 / np.maximum(denominator, _TINY)
+    satterthwaite = total**2 / np.maximum(denominator, _MIN_DIVISOR)
     both_estimated = (variances > 0).all(axis=0) & np.isfinite(freedom).all(axis=0)
     if not both_estimated.any():
         return satterthwaite
@@ -186,7 +186,7 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
     cross = np.stack([MBl[:, :, k].T @ MBl[:, :, k] for k in range(len(half))])  # (k, p, p)
     trace = d.sum(axis=0) - size.sum(axis=0)  # tr Ω
     trace_of_square = (d**2).sum(axis=0) - 2 * (d * size).sum(axis=0) + (cross**2).sum(axis=(1, 2))  # tr Ω²
-    return C, trace**2 / np.maximum(trace_of_square, _TINY)
+    return C, trace**2 / np.maximum(trace_of_square, _MIN_DIVISOR)
 
 
 # Rows of a block of time are one cluster (Liang and Zeger, "Longitudinal data analysis using generalized linear
@@ -424,7 +424,7 @@ def larger_covariance(first: tuple[Array, Array], second: tuple[Array, Array] | 
         return first
     C, freedom = first
     D, other_freedom = second
-    ratio = D.diagonal() / np.maximum(C.diagonal(), _TINY)
+    ratio = D.diagonal() / np.maximum(C.diagonal(), _MIN_DIVISOR)
     factor = np.sqrt(np.maximum(ratio, 1.0))
     return C * factor[:, None] * factor, np.where(ratio > 1.0, other_freedom, freedom)
 
@@ -489,7 +489,7 @@ def autocorrelation(e: Array, lags: int) -> Array:
     """Autocorrelation of a series (n,), whose mean is not subtracted, at lags 0 to ``lags``."""
     spectrum = np.fft.rfft(e, 2 * len(e))  # with zeros at the end, as the transform is periodic
     autocovariance = np.fft.irfft(spectrum * spectrum.conj())[: lags + 1]
-    return np.asarray(autocovariance / max(float(e @ e), _TINY))
+    return np.asarray(autocovariance / max(float(e @ e), _MIN_DIVISOR))
 
 
 def autocorrelation_length(residuals: Array) -> float:
@@ -535,7 +535,7 @@ class Whiteness:
         n = len(e)
         channels: list[Whiteness] = []
         for axis, q, r in zip(names, np.moveaxis(Q, 1, 0), e.T, strict=True):
-            squares = max(float(r @ r), _TINY)
+            squares = max(float(r @ r), _MIN_DIVISOR)
             variance = squares / max(n - float((q * q).sum()), 1.0)
             Dq = _mean_of_neighbours(q)
             statistic = float(r @ _mean_of_neighbours(r))

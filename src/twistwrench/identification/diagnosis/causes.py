@@ -43,7 +43,7 @@ MIN_NEGATIVE_PART = 0.2
 """Size of a negative torque, as a share of its rms, from which it is clearly below zero."""
 _MIN_ROWS_OF_SIGN = 0.1
 """Minimum share of rows with a torque clearly below zero, and of the other rows, for a torque of both signs."""
-_TINY = 1e-300
+_MIN_DIVISOR = 1e-300
 """Divisor in place of zero."""
 _PARAMETERS_PER_BODY = 10
 _VALUE_STEP = 1e-3
@@ -156,7 +156,7 @@ def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> It
     """
     if largest is None:
         largest = np.abs(torque).max(axis=0)
-    share = torque / np.maximum(largest, _TINY)
+    share = torque / np.maximum(largest, _MIN_DIVISOR)
     rate = s.slope(share)
     acceleration = s.slope(rate)
     joint_count = torque.shape[1]
@@ -469,7 +469,7 @@ def _force(s: LogStates, _fitted: FittedTorques) -> Array:
     J_v = J[:, 3:]
     columns = -J_v.swapaxes(1, 2)
     norms = np.linalg.norm(columns, axis=(0, 1))
-    total_norm = max(float(np.linalg.norm(columns)), _TINY)
+    total_norm = max(float(np.linalg.norm(columns)), _MIN_DIVISOR)
     loads_joints = norms > _MIN_INDEPENDENT_SHARE * total_norm
     return np.asarray(columns[..., loads_joints])
 
@@ -485,7 +485,7 @@ def _load(s: LogStates, _fitted: FittedTorques) -> Array:
         Y = s.base.unknown.regressor(s.q[span], s.dq[span], s.ddq[span], s.gravity)
         body_columns.append(Y[:, :, first_column : first_column + _PARAMETERS_PER_BODY])
     load_columns = np.concatenate(body_columns) @ _unit_loads(frame.pose)
-    norms = np.maximum(np.linalg.norm(load_columns, axis=(0, 1)), _TINY)
+    norms = np.maximum(np.linalg.norm(load_columns, axis=(0, 1)), _MIN_DIVISOR)
     unit_columns = (load_columns / norms).reshape(-1, 4)
     R = np.linalg.qr(unit_columns, mode="r")
     is_independent = np.abs(R.diagonal()) > _MIN_INDEPENDENT_SHARE

@@ -271,6 +271,5 @@ def fly(
     momentum = se3.Ad(se3.inverse(T)).T @ P
     largest_linear_impulse = float(np.abs(impulse[:, 3:]).sum(axis=-1).max())
     largest_linear = max(float(np.abs(f).max()), largest_linear_impulse)
-    largest_angular = float(np.abs(l).max())
-    remark = missed.remark(largest_linear, largest_angular)
+    remark = missed.remark(largest_linear, angular=float(np.abs(l).max()))
     return Flight(recorded_steps * h, T, V, momentum, energy, impulse, work, float(dt), h, turn, remark)
