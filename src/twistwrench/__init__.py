@@ -223,13 +223,14 @@ _NAMES = {
 
 def __getattr__(name: str) -> object:
     if name in _MODULES:
-        found: object = _importlib.import_module(f"{__name__}.{_MODULES[name]}")
+        attribute: object = _importlib.import_module(f"{__name__}.{_MODULES[name]}")
     elif name in _NAMES:
-        found = getattr(_importlib.import_module(f"{__name__}.{_NAMES[name]}"), name)
+        module = _importlib.import_module(f"{__name__}.{_NAMES[name]}")
+        attribute = getattr(module, name)
     else:
         raise _missing(name)
-    globals()[name] = found
-    return found
+    globals()[name] = attribute  # later uses do not call this function
+    return attribute
 
 
 def _missing(name: str) -> AttributeError:

@@ -26,7 +26,7 @@ OUTLIER = 0.6
 PRIOR = (1e-2, 4e-2)
 """Standard deviations of the file's lengths [m] and angles [rad] during the fit."""
 SCALELESS_PRIOR = (2e-3, 4e-3)
-"""The same if no measurement contains a length."""
+"""Standard deviations of the file's lengths [m] and angles [rad] if no measurement contains a length."""
 TIP = (0.5, 0.3)
 """Standard deviations of the tip's rotation [rad] and position [m] during the fit."""
 GEAR = 1e-2
@@ -38,9 +38,17 @@ KNOWN_LENGTH = 1e-5
 _FRAME_ITERATIONS = 8
 """Number of first iterations that change only targets and tip."""
 _MAX_ITERATIONS = 40
+_MIN_TRIMMED_ITERATIONS = 3
+"""Number of last iterations, in which outliers have no weight."""
 _MAX_TRIALS = 10
 """Maximum number of trials, each with more damping, for one step."""
+_INITIAL_DAMPING = 1e-3
+"""Initial damping, relative to a Gauss-Newton matrix with ones on its diagonal, as all dampings."""
 _MIN_DAMPING = 1e-9
+_MIN_RAISED_DAMPING = 1e-6
+"""Smallest damping after a trial that raised the cost."""
+_DAMPING_FACTOR = 10.0
+"""Factor by which damping falls after a step, and rises after a trial that raised the cost."""
 _MAX_CHANGE = 1e-3
 """Change of weights and of the cost, as a share, below which a fit has converged."""
 _INITIAL_WEIGHTS = (3e2, 1e3)
@@ -49,6 +57,8 @@ _MIN_DEVIATION = 1e-9
 """Smallest standard deviation [m, rad]: rounding."""
 _MEDIANS = {1: 0.4549, 3: 0.7887, 6: 0.8914}
 """Medians of chi² over its degrees of freedom, by number of degrees of freedom."""
+_MIN_FREEDOM_SHARE = 0.1
+"""Smallest share of degrees of freedom among the rows, for fits with few readings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +76,9 @@ class LinearRows:
     """Linearised rows at a state, not weighted."""
 
     residuals: tuple[Array, ...]
-    """(m, r) of each measurement."""
+    """(m, r) residuals of each measurement: m readings of r rows."""
     design: tuple[Array, ...]
-    """(m, r, p + targets) of each measurement."""
+    """(m, r, p + targets) derivatives of each measurement's residuals by all parameters."""
     lengths: Array
     """(k,) residuals of known lengths over their standard deviation."""
     length_rows: Array
@@ -76,11 +86,15 @@ class LinearRows:
 
     def weighted_rows(self, weights: Sequence[Array]) -> tuple[Array, Array]:
         """Design (rows, p + targets) and residuals (rows,) times weights (m, r) of each measurement."""
-        A, y = list[Array](), list[Array]()
+        design_parts: list[Array] = []
+        residual_parts: list[Array] = []
         for D, e, W in zip(self.design, self.residuals, weights, strict=True):
-            A.append((D * W[..., None]).reshape(-1, D.shape[2]))
-            y.append((e * W).ravel())
-        return np.concatenate([*A, self.length_rows]), np.concatenate([*y, self.lengths])
+            weighted_design = D * W[..., None]
+            design_parts.append(weighted_design.reshape(-1, D.shape[2]))
+            residual_parts.append((e * W).ravel())
+        A = np.concatenate([*design_parts, self.length_rows])
+        y = np.concatenate([*residual_parts, self.lengths])
+        return A, y
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +102,7 @@ class IndependentParameters:
     """The fitted parameters, one for each group; the others keep the values of the file."""
 
     columns: tuple[int, ...]
-    """Their indices among the names of the fit: first those of the chain, then those of targets."""
+    """Indices of the fitted parameters among the names of the fit: first of the chain, then of the targets."""
     terms: Array
     """(k, p) factors of the chain's parameters in the group of each fitted parameter."""
 
@@ -144,7 +158,7 @@ class CalibrationProblem:
 
     @cached_property
     def wide(self) -> Array:
-        """(p,) standard deviations of the prior."""
+        """(p,) wide standard deviations of the chain's parameters: those of the prior."""
         length, angle = SCALELESS_PRIOR if self.is_scaleless else PRIOR
         return self.chain.scales(angle, length, GEAR, SAG, TIP)
 
@@ -162,9 +176,9 @@ class CalibrationProblem:
             return np.arange(count) >= first_tip_column
         if self.independent is None:
             return np.ones(count, bool)
-        mask = np.zeros(count, bool)
-        mask[list(self.independent.columns)] = True
-        return mask
+        is_fitted = np.zeros(count, bool)
+        is_fitted[list(self.independent.columns)] = True
+        return is_fitted
 
     @property
     def is_scaleless(self) -> bool:
@@ -181,9 +195,9 @@ class CalibrationProblem:
             if m.kind != "pose":
                 continue
             T, _ = self.chain.poses(m.q, self.chain.loads(m.q), corrections)
-            rotation = np.eye(4)
-            rotation[:3, :3] = turn_of_target(m.rotations[mask], T[mask, :3, :3])
-            corrections = replace(corrections, tip=corrections.tip @ rotation)
+            tip_rotation = np.eye(4)
+            tip_rotation[:3, :3] = turn_of_target(m.rotations[mask], T[mask, :3, :3])
+            corrections = replace(corrections, tip=corrections.tip @ tip_rotation)
             break
         tips = []
         for m, loads in zip(self.measured, self.loads, strict=True):
@@ -197,7 +211,10 @@ class CalibrationProblem:
         p = len(self.chain.parameters)
         first_columns = p + np.cumsum([0, *target_counts])  # of each target; the last is the number of all columns
         column_count = first_columns[-1]
-        residuals, design, lengths, length_rows = [], [], [], []
+        residuals: list[Array] = []
+        design: list[Array] = []
+        lengths: list[float] = []
+        length_rows: list[Array] = []
         for k, (m, target) in enumerate(zip(self.measured, state.targets, strict=True)):
             own_columns = slice(first_columns[k], first_columns[k + 1])
             T, J = self.chain.poses(m.q, self.loads[k], state.corrections)
@@ -222,7 +239,7 @@ class CalibrationProblem:
         """Estimate after a step x: first the chain's parameters, then those of each target."""
         column = len(self.chain.parameters)
         corrections = self.chain.step(state.corrections, x[:column])
-        targets = list[MeasuredTarget]()
+        targets: list[MeasuredTarget] = []
         for target in state.targets:
             next_column = column + len(target.names)
             targets.append(target.step(x[column:next_column]))
@@ -239,20 +256,22 @@ class CalibrationProblem:
     def solve(self, start: Estimate | None = None, *, frames_only: bool = False) -> CalibrationFit:
         """Least squares from a start; with ``frames_only``, of targets and tip alone."""
         state = self.start() if start is None else start
-        weights, damping = self._first_weights(), 1e-3
+        weights = self._first_weights()
+        damping = _INITIAL_DAMPING
         equations = self.equations(state)
         trimmed_iterations = 0  # iterations since the fit converged, in which outliers have no weight
-        for k in range(_FRAME_ITERATIONS if frames_only else _MAX_ITERATIONS):
+        iteration_count = _FRAME_ITERATIONS if frames_only else _MAX_ITERATIONS
+        for k in range(iteration_count):
             changes_frames_only = frames_only or (start is None and k < _FRAME_ITERATIONS)
             previous_weights = weights
-            if not changes_frames_only or (frames_only and k > 2):
+            if not changes_frames_only or (frames_only and k > 2):  # the first residuals would give wrong weights
                 weights = self._weights(equations, changes_frames_only, trim=trimmed_iterations > 0)
             state, equations, damping, decrease = self._step(state, equations, weights, damping, changes_frames_only)
             change = max(_relative_change(W, V) for W, V in zip(weights, previous_weights, strict=True))
             has_converged = not changes_frames_only and change < _MAX_CHANGE and decrease < _MAX_CHANGE
             if trimmed_iterations or has_converged:
                 trimmed_iterations += 1
-                if trimmed_iterations > 2 and change < _MAX_CHANGE:
+                if trimmed_iterations >= _MIN_TRIMMED_ITERATIONS and change < _MAX_CHANGE:
                     break
         weights = self._weights(equations, frames_only, trim=True)
         return CalibrationFit(self, state, equations, tuple(weights), frames_only)
@@ -260,29 +279,35 @@ class CalibrationProblem:
     def _step(
         self, state: Estimate, equations: LinearRows, weights: Sequence[Array], damping: float, frames_only: bool
     ) -> tuple[Estimate, LinearRows, float, float]:
-        """Levenberg step that lowers the cost: new state and equations, damping, and decrease of the cost as a share."""
+        """Levenberg step that lowers the cost: new state, its equations, damping, and decrease of the cost as a share.
+
+        If no trial lowers the cost, the state stays and the decrease is 0.
+        """
         A, y = equations.weighted_rows(weights)
-        prior = np.zeros((len(self.prior), A.shape[1]))
-        prior[:, : self.prior.shape[1]] = self.prior
-        B = np.concatenate([A, prior])
+        prior_rows = np.zeros((len(self.prior), A.shape[1]))
+        prior_rows[:, : self.prior.shape[1]] = self.prior  # the prior is on the chain's parameters
+        B = np.concatenate([A, prior_rows])
         r = np.concatenate([y, self.prior @ self.chain.values(state.corrections)])
-        free = self.free(B.shape[1], frames_only=frames_only)
-        norms = np.linalg.norm(B[:, free], axis=0) + 1e-12
-        free_columns = B[:, free]
-        N, c = (free_columns / norms).T @ (free_columns / norms), (free_columns / norms).T @ r
+        is_free = self.free(B.shape[1], frames_only=frames_only)
+        free_columns = B[:, is_free]
+        norms = np.linalg.norm(free_columns, axis=0) + 1e-12  # a column of zeros is not divided by zero
+        scaled_columns = free_columns / norms
+        N = scaled_columns.T @ scaled_columns
+        c = scaled_columns.T @ r
         cost = float(r @ r)
         for _ in range(_MAX_TRIALS):
             x = np.zeros(B.shape[1])
-            x[free] = -np.linalg.solve(N + (damping + 1e-13) * np.eye(len(N)), c) / norms
-            trial = self.step(state, x)
-            trial_equations = self.equations(trial)
-            _, trial_y = trial_equations.weighted_rows(weights)
-            trial_r = np.concatenate([trial_y, self.prior @ self.chain.values(trial.corrections)])
-            trial_cost = float(trial_r @ trial_r)
-            if trial_cost <= cost * (1.0 + 1e-12):
-                decrease = 1.0 - trial_cost / max(cost, 1e-300)
-                return trial, trial_equations, max(damping / 10.0, _MIN_DAMPING), decrease
-            damping = max(damping * 10.0, 1e-6)
+            damped_matrix = N + (damping + 1e-13) * np.eye(len(N))  # 1e-13: N may be singular
+            x[is_free] = -np.linalg.solve(damped_matrix, c) / norms
+            new_state = self.step(state, x)
+            new_equations = self.equations(new_state)
+            _, new_y = new_equations.weighted_rows(weights)
+            new_r = np.concatenate([new_y, self.prior @ self.chain.values(new_state.corrections)])
+            new_cost = float(new_r @ new_r)
+            if new_cost <= cost * (1.0 + 1e-12):  # equal but for rounding
+                decrease = 1.0 - new_cost / max(cost, 1e-300)  # 1e-300: the cost may be zero
+                return new_state, new_equations, max(damping / _DAMPING_FACTOR, _MIN_DAMPING), decrease
+            damping = max(damping * _DAMPING_FACTOR, _MIN_RAISED_DAMPING)
         return state, equations, damping, 0.0
 
     def _first_weights(self) -> list[Array]:
@@ -296,45 +321,53 @@ class CalibrationProblem:
 
     def _freedom(self, equations: LinearRows, frames_only: bool) -> float:
         """Degrees of freedom of the residuals, as a share of the rows: rows less fitted parameters; at least 0.1."""
-        rows = sum(e.shape[1] * int(used.sum()) for e, used in zip(equations.residuals, self.masks, strict=True))
+        row_count = sum(e.shape[1] * int(used.sum()) for e, used in zip(equations.residuals, self.masks, strict=True))
         target_parameters = equations.length_rows.shape[1] - len(self.chain.parameters)
-        # the tip alone has six; a chain has four independent ones per joint
+        # The tip alone has six; a chain has four independent ones per joint.
         chain_parameters = 6 if frames_only else 4 * len(self.chain.joints)
-        return max(1.0 - (target_parameters + chain_parameters) / rows, 0.1)
+        parameter_count = target_parameters + chain_parameters
+        return max(1.0 - parameter_count / row_count, _MIN_FREEDOM_SHARE)
 
     def _weights(self, equations: LinearRows, frames_only: bool, *, trim: bool) -> list[Array]:
         """Weight of each reading over the standard deviation of its row, (m, r) for each measurement.
 
         A measurement has one deviation for lengths and one for angles. Before the fit has converged, weights are Huber's,
-        with deviations by the median. With ``trim``, outliers have weight 0, and the deviation is that of the others.
+        with deviations by the median. With ``trim``, outliers have weight 0, and deviations are computed without them.
         """
         freedom = self._freedom(equations, frames_only)
-        weights_by_measurement = list[Array]()
+        weights_by_measurement: list[Array] = []
         for m, e, used in zip(self.measured, equations.residuals, self.masks, strict=True):
-            parts = [slice(None)]
+            row_groups = [slice(None)]  # of lengths alone
             if m.angle_rows:
-                parts = [slice(0, m.angle_rows), slice(m.angle_rows, None)]
+                row_groups = [slice(0, m.angle_rows), slice(m.angle_rows, None)]  # angles, lengths
             deviations = np.ones(e.shape[1])
-            for k, part in enumerate(parts):
+            for k, rows in enumerate(row_groups):
                 if m.noise is not None:
-                    # the noise of lengths stands before that of angles, the rows of angles before those of lengths
-                    deviations[part] = float(np.broadcast_to(m.noise, 2)[len(parts) - 1 - k])
+                    # The noise is given for lengths first, then for angles: the reverse of the groups.
+                    deviations[rows] = float(np.broadcast_to(m.noise, 2)[len(row_groups) - 1 - k])
                     continue
-                squares = (e[used, part] ** 2).mean(axis=1)
-                variance = float(np.median(squares)) / _MEDIANS[len(deviations[part])]
+                squares = (e[used, rows] ** 2).mean(axis=1)
+                variance = float(np.median(squares)) / _MEDIANS[len(deviations[rows])]
                 if not self.keep_outliers:
                     squares = squares[squares <= (ROBUST / OUTLIER) ** 2 * variance / freedom]
                 if trim and squares.size:
                     variance = float(squares.mean())
-                deviations[part] = np.sqrt(variance / freedom) + _MIN_DEVIATION
-            distances = np.sqrt(((e / deviations) ** 2).mean(axis=1))  # of whole readings, in deviations
+                deviations[rows] = np.sqrt(variance / freedom) + _MIN_DEVIATION
+            distances = np.sqrt(((e / deviations) ** 2).mean(axis=1))  # rms of each reading, in deviations
             weights = np.ones(len(distances))
             if not (self.keep_outliers or frames_only):
                 weights = huber_weights(distances, ROBUST)
             if trim:
                 weights = np.where(weights < OUTLIER, 0.0, 1.0)
-            weights_by_measurement.append(np.where(used, weights, 0.0)[:, None] / deviations)
+            used_weights = np.where(used, weights, 0.0)
+            weights_by_measurement.append(used_weights[:, None] / deviations)
         return weights_by_measurement
+
+
+def _negative_error(outlier: tuple[int, int, float]) -> float:
+    """Sort key of outliers: the largest error first."""
+    _, _, error = outlier
+    return -error
 
 
 def _relative_change(weights: Array, previous: Array) -> float:
@@ -382,11 +415,12 @@ class CalibrationFit:
     @cached_property
     def outliers(self) -> list[tuple[int, int, float]]:
         """Indices of measurement and reading, and error [m], of outliers; the largest error first."""
-        outliers = []
+        outliers: list[tuple[int, int, float]] = []
         for k, (used, W) in enumerate(zip(self.problem.masks, self.weights, strict=True)):
             is_outlier = used & (W[:, -1] == 0.0)
-            outliers += [(k, row, float(self.errors[k][row])) for row in np.flatnonzero(is_outlier).tolist()]
-        return sorted(outliers, key=lambda outlier: -outlier[2])
+            readings = np.flatnonzero(is_outlier).tolist()
+            outliers += [(k, reading, float(self.errors[k][reading])) for reading in readings]
+        return sorted(outliers, key=_negative_error)
 
     @cached_property
     def errors(self) -> list[Array]:
@@ -415,12 +449,13 @@ class CalibrationFit:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of a whole reading [m], as the norm of its rows of lengths; mean of all measurements."""
+        """Standard deviation of a whole reading [m], the norm of its rows of lengths; root mean square of all readings."""
         measured = self.problem.measured
         squares = []  # expected squared norm of a reading: variance of a row times number of rows
         for m, (length_deviation, _) in zip(measured, self.deviations, strict=True):
             squares.append(length_deviation**2 * (m.rows_each - m.angle_rows))
-        return float(np.sqrt(np.average(squares, weights=[m.count for m in measured])))
+        reading_counts = [m.count for m in measured]
+        return float(np.sqrt(np.average(squares, weights=reading_counts)))
 
     @cached_property
     def weighted_rows(self) -> tuple[Array, Array]:

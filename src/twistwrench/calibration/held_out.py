@@ -14,8 +14,9 @@ from .measurements import MAX_JOINT_DIFFERENCE, MIN_CONFIGURATIONS, Measurements
 from .targets import targets_from_tips
 
 FOLDS = 6
+"""Number of folds."""
 _MAX_RATIO_AFTER_REMOUNTING = 0.5
-"""Error with a refitted tip, over that without, up to which the target was mounted again for the test."""
+"""Error with a refitted tip, over the error without, up to which the target was mounted again for the test."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +41,15 @@ class HeldOutError:
 
 
 def configuration_labels(m: Measurements) -> Array:
-    """(n,) integers that are equal for equal configurations, and for the two of a pair if no pairs overlap."""
+    """Integers (n,) that are equal for equal configurations; also for both configurations of a pair, unless pairs overlap."""
     rounded_q = np.round(m.q / MAX_JOINT_DIFFERENCE).astype(np.int64)
     _, labels = np.unique(rounded_q, axis=0, return_inverse=True)
     labels = labels.ravel()
     if m.pairs is not None:
-        is_each_once = len(np.unique(labels[m.pairs])) == m.pairs.size
-        if is_each_once:
-            labels[m.pairs[:, 1]] = labels[m.pairs[:, 0]]
+        first, second = m.pairs.T
+        occur_once = len(np.unique(labels[m.pairs])) == m.pairs.size
+        if occur_once:
+            labels[second] = labels[first]
     return np.asarray(labels)
 
 
@@ -58,8 +60,9 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
     """
     rng = np.random.default_rng(seed)
     problem = fit.problem
-    is_used = [W[:, -1] > 0 for W in fit.weights]  # without outliers
-    folds, configurations = list[Array](), list[Array]()  # of each reading; a pair has two folds
+    used_masks = [W[:, -1] > 0 for W in fit.weights]  # without outliers
+    folds: list[Array] = []  # (readings, 1 or 2): a pair has two
+    configurations: list[Array] = []  # label of each reading's configuration
     for m in problem.measured:
         labels = configuration_labels(m)
         fold_of_label = rng.permutation(np.arange(labels.max() + 1)) % FOLDS
@@ -70,10 +73,13 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
         else:
             configurations.append(labels[m.pairs[:, 0]])
             folds.append(fold[m.pairs])
-    held_out_errors, held_out_angles = list[Array](), list[Array]()
+    held_out_errors: list[Array] = []
+    held_out_angles: list[Array] = []
     for k in range(FOLDS):
-        test_masks, training_masks, training_counts = list[Array](), list[Array](), list[int]()
-        for used, fold, labels in zip(is_used, folds, configurations, strict=True):
+        test_masks: list[Array] = []
+        training_masks: list[Array] = []
+        training_counts: list[int] = []  # of configurations
+        for used, fold, labels in zip(used_masks, folds, configurations, strict=True):
             training_mask = used & (fold != k).all(axis=1)
             test_masks.append(used & (fold == k).all(axis=1))
             training_masks.append(training_mask)
@@ -94,7 +100,7 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
 
 
 def error_of_test(fit: CalibrationFit, measured: Sequence[Measurements]) -> HeldOutError:
-    """Error of other readings; their targets are refitted, and the tip too if the ball was mounted again."""
+    """Error of other readings. Their targets are fitted again, and the tip, too, if the ball was mounted again."""
     problem = CalibrationProblem(fit.problem.chain, tuple(measured))
     corrections = fit.state.corrections
     tips = [problem.chain.tips(m.q, corrections) for m in measured]
@@ -110,7 +116,7 @@ def error_of_test(fit: CalibrationFit, measured: Sequence[Measurements]) -> Held
 
 
 def _error_of_readings(errors: Sequence[Array], angles: Sequence[Array]) -> HeldOutError:
-    """Error of readings with these residuals [m] and [rad], in arrays for each measurement or fold."""
+    """Error of readings with these residuals, ``errors`` [m] and ``angles`` [rad], one array for each measurement or fold."""
     all_errors = np.concatenate([*errors])
     all_angles = np.concatenate([np.zeros(0), *angles])  # also without angles
     rms = float(np.sqrt(np.mean(all_errors**2)))

@@ -27,7 +27,7 @@ from .result_view import millimetres
 if TYPE_CHECKING:
     from .result import CalibratedRobot
 
-# Alternatives are tried unless the fit explains the readings.
+# Alternatives are tried unless the fit explains the readings: "explained" means all of the next four.
 
 _MAX_RESIDUAL = 1e-3
 """Residual [m] up to which a fit explains the readings."""
@@ -42,8 +42,10 @@ _MAX_MISFIT_SHARE = 0.5
 _MAX_EQUAL_RATIO = 1.5
 """Ratio of misfits up to which two alternatives fit equally well."""
 _LEVER = 0.3
-"""Length [m] by which angles count in the misfit."""
-_FULL_FITS = 3
+"""Length [m] by which angles are multiplied in the misfit."""
+_MISFIT_QUANTILE = 0.75
+"""Quantile of the residuals that is the misfit; it is insensitive to outliers."""
+_MAX_FULL_FITS = 3
 """Number of alternatives that are fitted with all parameters."""
 _MAX_MISFIT = 10e-3
 """Misfit [m] above which an alternative explains nothing; if all are above it, the robot itself is doubted."""
@@ -61,11 +63,15 @@ class Alternative(NamedTuple):
     """Another reading of the measurements: units, columns or conventions."""
 
     kind: str
+    """Kind of the doubt, without ``calibration-``."""
     joints: tuple[str, ...]
+    """Joints whose readings change; empty if all change."""
     change: Callable[[Measurements], Measurements]
     """Function that returns the measurements as they are read otherwise."""
     value: float | None = None
+    """Factor, angle or number of rows of the change; None if it has none."""
     unit: str = ""
+    """Unit of the value; empty for a factor."""
     words: str = ""
     """Name of the alternative's unit, order or convention in the message."""
 
@@ -92,13 +98,15 @@ def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
         best = _best_alternative(problem, misfit_as_given)
     if best is not None:
         alternative, misfit = best
-        kind, value = f"calibration-{alternative.kind}", {"value": alternative.value, "unit": alternative.unit}
-        plain = millimetres(misfit_as_given)
-        return [
-            doubt(
-                kind, alternative.joints, words=alternative.words, plain=plain, misfit=millimetres(misfit), found=value
-            )
-        ]
+        better_reading = doubt(
+            f"calibration-{alternative.kind}",
+            alternative.joints,
+            words=alternative.words,
+            plain=millimetres(misfit_as_given),
+            misfit=millimetres(misfit),
+            found={"value": alternative.value, "unit": alternative.unit},
+        )
+        return [better_reading]
     if misfit_as_given > _MAX_MISFIT and not is_explained:
         found_value = {"value": misfit_as_given, "unit": "m"}
         return [doubt("calibration-wrong-robot", misfit=millimetres(misfit_as_given), found=found_value)]
@@ -106,7 +114,7 @@ def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
 
 
 def _explains_readings(found: CalibratedRobot) -> bool:
-    """True if the fit has small residuals, few outliers, and is far better than the file, unless this is right already."""
+    """True if the fit has small residuals and few outliers, and is far better than the file unless the file is right."""
     fit = found.fit
     if fit.rms >= _MAX_RESIDUAL:
         return False
@@ -119,9 +127,10 @@ def _explains_readings(found: CalibratedRobot) -> bool:
 
 
 def _has_large_zero(found: CalibratedRobot) -> bool:
-    """True if the fit has moved the zero of a turning joint by more than a calibration does: by another convention."""
-    chain, displacements = found.fit.problem.chain, found.fit.state.corrections.displacements
-    for own_entry, displacement in zip(chain.own, displacements, strict=True):
+    """True if the fit has moved the zero of a turning joint so far that the file has another convention for it."""
+    own_entries = found.fit.problem.chain.own  # entry of each joint's own coordinate in its displacement
+    displacements = found.fit.state.corrections.displacements
+    for own_entry, displacement in zip(own_entries, displacements, strict=True):
         is_angle = own_entry < _ANGLE_ENTRIES
         if is_angle and abs(displacement[own_entry]) > _MAX_ZERO:
             return True
@@ -129,75 +138,90 @@ def _has_large_zero(found: CalibratedRobot) -> bool:
 
 
 def _best_convention(problem: CalibrationProblem, misfit_as_given: float) -> tuple[Alternative, float] | None:
-    """Alternative with which the file is nearly right, if the fit had to move a zero, and its misfit."""
-    misfit, _, alternative = _by_misfit(problem)[0]
-    if misfit < _MAX_RESIDUAL_SHARE * misfit_as_given:
-        return alternative, misfit
+    """Alternative with which the file is nearly right, and its misfit [m]; None if there is none."""
+    best = _fits_of_frames(problem)[0]
+    if best.misfit < _MAX_RESIDUAL_SHARE * misfit_as_given:
+        return best.alternative, best.misfit
     return None
 
 
-def _by_misfit(problem: CalibrationProblem) -> list[tuple[float, int, Alternative]]:
-    """Alternatives with their misfit, if targets and tip alone are fitted, and number; the least misfit first."""
-    fits = []
-    for k, alternative in enumerate(_alternatives(problem)):
-        fits.append((_misfit_with(problem, alternative, frames_only=True), k, alternative))
-    return sorted(fits, key=lambda entry: entry[:2])
+class _FrameFit(NamedTuple):
+    """Fit of targets and tip alone, with the readings of an alternative."""
+
+    misfit: float
+    """Misfit [m]."""
+    rank: int
+    """Number of more usual alternatives."""
+    alternative: Alternative
+
+
+def _fits_of_frames(problem: CalibrationProblem) -> list[_FrameFit]:
+    """Fits of targets and tip alone with each alternative, the least misfit first."""
+    fits: list[_FrameFit] = []
+    for rank, alternative in enumerate(_alternatives(problem)):
+        misfit = _misfit_with(problem, alternative, frames_only=True)
+        fits.append(_FrameFit(misfit, rank, alternative))
+    return sorted(fits, key=lambda fit: (fit.misfit, fit.rank))
 
 
 def _best_alternative(problem: CalibrationProblem, misfit_as_given: float) -> tuple[Alternative, float] | None:
-    """Alternative that more than halves the misfit, and its misfit.
+    """Alternative that more than halves the misfit, and its misfit [m]; None if there is none.
 
     The three best by fits of targets and tip alone are fitted in full. Of equally good ones, the most usual is chosen.
     """
-    best = _by_misfit(problem)[:_FULL_FITS]
-    misfits = [_misfit_with(problem, alternative, frames_only=False) for _, _, alternative in best]
-    least = min(misfits)
-    if not least < min(_MAX_MISFIT_SHARE * misfit_as_given, _MAX_MISFIT):
+    frame_fits = _fits_of_frames(problem)[:_MAX_FULL_FITS]
+    misfits = [_misfit_with(problem, fit.alternative, frames_only=False) for fit in frame_fits]
+    least_misfit = min(misfits)
+    if not least_misfit < min(_MAX_MISFIT_SHARE * misfit_as_given, _MAX_MISFIT):
         return None
-    max_equal = max(_MAX_EQUAL_RATIO * least, _MAX_RESIDUAL)
-    equal = [k for k, misfit in enumerate(misfits) if misfit <= max_equal]
+    max_equal_misfit = max(_MAX_EQUAL_RATIO * least_misfit, _MAX_RESIDUAL)
+    equal_indices = [k for k, misfit in enumerate(misfits) if misfit <= max_equal_misfit]
     # A full fit finds zeros by itself. Fits of targets and tip alone distinguish zeros of 90° and 180°.
-    least_frames_misfit = best[equal[0]][0]
-    candidates = [k for k in equal if best[k][0] <= _MAX_EQUAL_RATIO * least_frames_misfit]
-    chosen = min(candidates, key=lambda k: best[k][1])
-    _, _, alternative = best[chosen]
-    return alternative, misfits[chosen]
+    max_frames_misfit = _MAX_EQUAL_RATIO * frame_fits[equal_indices[0]].misfit
+    candidates = [k for k in equal_indices if frame_fits[k].misfit <= max_frames_misfit]
+    chosen = min(candidates, key=lambda k: frame_fits[k].rank)
+    return frame_fits[chosen].alternative, misfits[chosen]
 
 
 def _misfit_with(problem: CalibrationProblem, alternative: Alternative, *, frames_only: bool) -> float:
-    """Misfit with an alternative; infinite if it cannot be fitted."""
+    """Misfit [m] with an alternative; infinite if it cannot be fitted."""
     try:
         measured = tuple(map(alternative.change, problem.measured))
-        return _misfit(replace(problem, measured=measured, keep_outliers=True).solve(frames_only=frames_only))
+        changed_problem = replace(problem, measured=measured, keep_outliers=True)
+        return _misfit(changed_problem.solve(frames_only=frames_only))
     except (TwistWrenchError, np.linalg.LinAlgError):
         return math.inf
 
 
 def _misfit(fit: CalibrationFit) -> float:
-    """Upper quartile of the residuals [m], with angles times 0.3 m; a quartile is insensitive to outliers."""
+    """Upper quartile of the residuals [m], with angles times 0.3 m."""
     sizes = []
     for errors, angles in zip(fit.errors, fit.turns, strict=True):
         sizes.append(np.hypot(errors, _LEVER * angles) if angles.size else errors)
-    return float(np.quantile(np.concatenate(sizes), 0.75))
+    return float(np.quantile(np.concatenate(sizes), _MISFIT_QUANTILE))
 
 
 def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
     """All alternatives, the most usual first."""
     chain = problem.chain
     kinds = {measurement.kind for measurement in problem.measured}
-    joints, columns = chain.joints, chain.columns
-    turning = [column for column, turns in zip(columns, chain.turning, strict=True) if turns]
+    joints = chain.joints
+    columns = chain.columns  # of the joints in q
+    turning_columns = [column for column, turns in zip(columns, chain.turning, strict=True) if turns]
     if kinds & set(LENGTHS_MEASURED):
         for factor, unit in ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches")):
             yield Alternative("unit", (), partial(_scale_readings, factor=factor), factor, "", unit)
     for factor, words in ((math.radians(1.0), "degrees"), (math.degrees(1.0), "rad")):
-        yield Alternative("degrees", (), partial(_q_times, columns=turning, factor=factor), factor, "", words)
-    for (a, i), (b, j) in combinations(zip(joints, columns, strict=True), 2):
-        yield Alternative("exchanged", (a, b), partial(_exchange_joints, i=i, j=j))
+        change = partial(_q_times, columns=turning_columns, factor=factor)
+        yield Alternative("degrees", (), change, factor, "", words)
+    for first, second in combinations(zip(joints, columns, strict=True), 2):
+        first_joint, i = first
+        second_joint, j = second
+        yield Alternative("exchanged", (first_joint, second_joint), partial(_exchange_joints, i=i, j=j))
     for joint, column in zip(joints, columns, strict=True):
         yield Alternative("sign", (joint,), partial(_q_times, columns=[column], factor=-1.0))
     for joint, column in zip(joints, columns, strict=True):
-        if column not in turning:
+        if column not in turning_columns:
             continue
         for degrees in (90.0, -90.0, 180.0):
             change = partial(_q_plus, k=column, offset=math.radians(degrees))
@@ -208,8 +232,8 @@ def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
         yield Alternative("row-shift", (), partial(_shift_rows, rows=-rows_late), float(rows_late), "rows", words)
     if "pose" in kinds:
         yield Alternative("inverse", (), partial(_change_poses, change=se3.inverse))
-        for places, words in ((-1, "w, x, y, z in place of x, y, z, w"), (1, "x, y, z, w in place of w, x, y, z")):
-            roll = partial(_roll_quaternions, places=places)
+        for shift, words in ((-1, "w, x, y, z in place of x, y, z, w"), (1, "x, y, z, w in place of w, x, y, z")):
+            roll = partial(_roll_quaternions, shift=shift)
             yield Alternative("quaternion-order", (), partial(_change_poses, change=roll), words=words)
         for words, read in _ANGLE_CONVENTIONS.items():
             yield Alternative("angle-order", (), partial(_change_poses, change=read), words=words)
@@ -219,6 +243,7 @@ def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
 
 
 def _scale_readings(m: Measurements, factor: float) -> Measurements:
+    """Readings with lengths multiplied by a factor."""
     if m.poses is not None:
         m = replace(m, poses=np.asarray(se3.pose(m.rotations, factor * m.points)))
     if m.positions is not None:
@@ -229,16 +254,20 @@ def _scale_readings(m: Measurements, factor: float) -> Measurements:
 
 
 def _q_times(m: Measurements, columns: list[int], factor: float) -> Measurements:
+    """Readings with columns of q multiplied by a factor."""
     q = m.q.copy()
     q[:, columns] *= factor
     return replace(m, q=q)
 
 
 def _q_plus(m: Measurements, k: int, offset: float) -> Measurements:
-    return replace(m, q=m.q + offset * np.eye(m.q.shape[1])[k])
+    """Readings with an offset added to column k of q."""
+    unit_row = np.eye(m.q.shape[1])[k]
+    return replace(m, q=m.q + offset * unit_row)
 
 
 def _exchange_joints(m: Measurements, i: int, j: int) -> Measurements:
+    """Readings with two columns of q exchanged."""
     q = m.q.copy()
     q[:, [i, j]] = q[:, [j, i]]
     return replace(m, q=q)
@@ -248,7 +277,8 @@ def _shift_rows(m: Measurements, rows: int) -> Measurements:
     """Combine each reading with the configuration of the next row; of the row before, if ``rows`` is negative."""
     if m.pairs is not None or m.kind not in ("pose", "position", "distance"):
         return m
-    without_first, without_last = m.taken(np.arange(1, len(m))), m.taken(np.arange(len(m) - 1))
+    without_first = m.taken(np.arange(1, len(m)))
+    without_last = m.taken(np.arange(len(m) - 1))
     if rows > 0:
         return replace(without_last, q=without_first.q)
     return replace(without_first, q=without_last.q)
@@ -265,15 +295,16 @@ def _mirror_readings(m: Measurements) -> Measurements:
 
 
 def _change_poses(m: Measurements, change: Callable[[Array], Array]) -> Measurements:
+    """Readings with changed poses; unchanged if they are not poses."""
     if m.poses is None:
         return m
     return replace(m, poses=np.asarray(change(m.poses)))
 
 
-def _roll_quaternions(T: Array, places: int) -> Array:
+def _roll_quaternions(T: Array, shift: int) -> Array:
     """Poses whose quaternions have their entries shifted cyclically."""
     quaternions = np.stack([quaternion.from_matrix(R) for R in T[:, :3, :3]])
-    R = quaternion.rotation(np.roll(quaternions, places, axis=1))
+    R = quaternion.rotation(np.roll(quaternions, shift, axis=1))
     return np.asarray(se3.pose(R, T[:, :3, 3]))
 
 
@@ -303,20 +334,25 @@ _ANGLE_CONVENTIONS: dict[str, Callable[[Array], Array]] = {
 
 
 def effect_doubts(found: CalibratedRobot) -> Iterator[Offered]:
-    """Sag and gear errors that lower the held-out error by a fifth."""
-    problem, chain = found.fit.problem, found.fit.problem.chain
-    rows = sum(int((W[:, -1] > 0).sum()) * W.shape[1] for W in found.fit.weights)  # without outliers
-    rms_without = cross_validated(found.fit, int(found.settings["seed"])).rms
+    """Doubt about the first of sag and gear errors that lowers the held-out error by a fifth; nothing if neither does."""
+    problem = found.fit.problem
+    chain = problem.chain
+    equation_count = 0
+    for weights in found.fit.weights:  # (readings, rows of each); zero for outliers
+        used_readings = int((weights[:, -1] > 0).sum())
+        equation_count += used_readings * weights.shape[1]
+    seed = int(found.settings["seed"])
+    rms_without = cross_validated(found.fit, seed).rms
     for effect in ("sag", "gears"):
         unknown_count = found.rank + len(chain.joints)
-        if effect in chain.assume or rows < 2 * unknown_count:
+        if effect in chain.assume or equation_count < 2 * unknown_count:
             continue
-        with_effect = replace(problem, chain=replace(chain, assume=(*chain.assume, effect)), independent=None)
+        chain_with_effect = replace(chain, assume=(*chain.assume, effect))
         try:
-            fit = fitted_in_groups(with_effect.solve())
+            fit = fitted_in_groups(replace(problem, chain=chain_with_effect, independent=None).solve())
         except (TwistWrenchError, np.linalg.LinAlgError):
             continue
-        rms_with = cross_validated(fit, int(found.settings["seed"])).rms
+        rms_with = cross_validated(fit, seed).rms
         if rms_with < _MAX_ERROR_RATIO * rms_without:
             reason = doubt(
                 f"calibration-{effect}",

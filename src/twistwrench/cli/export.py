@@ -86,23 +86,24 @@ def export_command(
         raise ValueRangeError("--style and --torque-side apply to Structured Text. Add --st OUT.st, or leave them out.")
     if ros2 is not None and (gravity_input or "precision" in asked or "prefix" in asked):
         raise ValueRangeError("--gravity-input, --float and --prefix do not apply to --ros2. Leave them out.")
-    loaded = LoadCase(robot.load(), payloads_of(list(payloads), robot.tip)).with_load
-    requests = [_quantity(text) for text in quantities or ("inverse_dynamics",)]
+    load_case = LoadCase(robot.load(), payloads_of(list(payloads), robot.tip))
+    loaded_robot = load_case.with_load
+    requests = [_quantity(text) for text in quantities or ("inverse_dynamics",)]  # names with their options
     if gravity_input:
         requests = [(name, {**options, "gravity": "input"}) for name, options in requests]
     common_options = _selected(asked, *_C_OPTIONS) | {"inputs": robot.files}
     written: list[Written] = []
     if ros2 is not None:
-        written.append(export_ros2(loaded, ros2, label="--ros2", **ros2_options))
+        written.append(export_ros2(loaded_robot, ros2, label="--ros2", **ros2_options))
     if st is not None:
-        written.append(export_st(loaded, requests, st, label="--st", **common_options, **st_options))
+        written.append(export_st(loaded_robot, requests, st, label="--st", **common_options, **st_options))
     if path is not None:
-        written.append(export_c(loaded, requests, path, label="--c", **common_options))
+        written.append(export_c(loaded_robot, requests, path, label="--c", **common_options))
     return Written.joined(written)
 
 
 def _selected(asked: Asked, *names: str) -> dict[str, Any]:
-    """Options with some names, among those that were typed."""
+    """Typed options that have one of the names."""
     return {name: value for name, value in asked.items() if name in names}
 
 
@@ -112,8 +113,8 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
     form = "OPTION=VALUE, as in jacobian:frame=tool0,kind=space"
     entries = options_text.split(",") if colon else []
     options: dict[str, Any] = dict(assignments(entries, f"--quantity {text!r}:", form))
-    for key in options.keys() & set(_LIST_OPTIONS):
-        options[key] = tuple(options[key].split("+"))
+    for option_name in options.keys() & set(_LIST_OPTIONS):
+        options[option_name] = tuple(options[option_name].split("+"))
     return name.strip(), options
 
 
@@ -133,9 +134,9 @@ def convert_command(robot: RobotOptions, asked: Asked, outputs: Outputs[Saved], 
     Properties that the format cannot represent are listed. With --strict they make the verdict UNSURE and the exit code 1.
     """
     outputs.check(overwrite=overwrite, also={"OUT": path})
-    loaded = robot.load()
-    saved = save(loaded, Path(path), overwrite=overwrite, **asked)
-    _note_shapes(len(loaded.model.shaped))
+    loaded_robot = robot.load()
+    saved = save(loaded_robot, Path(path), overwrite=overwrite, **asked)
+    _note_shapes(len(loaded_robot.model.shaped))
     return saved
 
 

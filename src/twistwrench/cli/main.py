@@ -37,7 +37,12 @@ class RobotOption(click.Option):
     """Option for reading the robot, shared by all commands."""
 
 
-QUESTION, READING, ROBOT_GROUP, WRITING, RARE = "Question", "Reading the log", "Robot", "Writing", "Rare"
+# Headings of the help
+QUESTION = "Question"
+READING = "Reading the log"
+ROBOT_GROUP = "Robot"
+WRITING = "Writing"
+RARE = "Rare"
 _HEADINGS = {
     READING: "columns degrees lock-missing",
     ROBOT_GROUP: "lock tip actuators floating-base",
@@ -62,6 +67,8 @@ _FORM_WIDTH = 26
 """Width of the column of forms in the short help, such as ``--csv OUT.csv``, in characters."""
 _LINE_WIDTH = 80
 """Width of a line of the short help, in characters."""
+_MAX_CLAUSE_LENGTH = _LINE_WIDTH - _FORM_WIDTH - 4
+"""Longest text of an option in the short help: two blanks stand before the form, and two after it."""
 
 
 class GroupedHelp(click.Command):
@@ -85,8 +92,8 @@ class GroupedHelp(click.Command):
             records_by_heading[heading].append(record)
         with_full_texts = bool(ctx.meta.get(_HELP_ALL_ENTRY))
         for heading, records in records_by_heading.items():
-            shown = with_full_texts or heading != RARE
-            if not records or not shown:
+            is_shown = with_full_texts or heading != RARE
+            if not records or not is_shown:
                 continue
             with formatter.section(heading):
                 if with_full_texts:
@@ -109,12 +116,12 @@ def _short_help(form: str, text: str) -> str:
     """Form of an option and the first clause of its help, cut at a word."""
     if len(form) > _FORM_WIDTH:
         flag, _, placeholder = form.partition(" ")
-        first_choice = re.split("[,|:]", placeholder.replace("[", ""))[0]
+        first_choice, *_ = re.split("[,|:]", placeholder.replace("[", ""))
         form = f"{flag} {first_choice}…"
-    clause = re.split(r"[;:]\s|\.\s|  ?\[default", text)[0].rstrip(".")
-    max_length = _LINE_WIDTH - _FORM_WIDTH - 4  # two spaces before the form, and two after it
-    if len(clause) > max_length:
-        whole_words = clause[: max_length - 1].rpartition(" ")[0]  # one character is left for the ellipsis
+    first_part, *_ = re.split(r"[;:]\s|\.\s|  ?\[default", text)
+    clause = first_part.rstrip(".")
+    if len(clause) > _MAX_CLAUSE_LENGTH:
+        whole_words, _, _ = clause[: _MAX_CLAUSE_LENGTH - 1].rpartition(" ")  # one character is left for the ellipsis
         clause = f"{whole_words.rstrip(',')}…"
     return f"{form:{_FORM_WIDTH}}  {clause}"
 
@@ -222,8 +229,10 @@ _MAX_FAULT_LENGTH = 300
 _INTERRUPTS: list[bool] = []
 """One entry for each Ctrl-C of this run."""
 
-ARGUMENTS, NOTES = "twistwrench.arguments", "twistwrench.notes"
-"""Names of context entries: words of the command line, and sentences of :func:`note`."""
+ARGUMENTS = "twistwrench.arguments"
+"""Name of the context entry with the words of the command line."""
+NOTES = "twistwrench.notes"
+"""Name of the context entry with the sentences of :func:`note`."""
 
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
 """Environment variable that enables the traceback of program errors."""
@@ -261,10 +270,10 @@ class Commands(click.Group):
 
     def make_context(self, info_name: str | None, args: list[str], **options: Any) -> click.Context:  # type: ignore[override]
         """Parse arguments; usage errors are printed in one line."""
-        typed = list(args)
+        typed_words = list(args)  # a copy: parsing empties the list
         with _exit_codes_of_errors():
             context = super().make_context(info_name, args, **options)
-            context.meta[ARGUMENTS] = typed
+            context.meta[ARGUMENTS] = typed_words
             return context
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -276,6 +285,8 @@ class Commands(click.Group):
 
 
 class _OneLineUsageError(click.ClickException):
+    """Usage error that is printed in one line, without click's usage text."""
+
     exit_code = ExitCode.BAD_INPUT
 
     def show(self, file: Any = None) -> None:
@@ -290,9 +301,9 @@ def _exit_codes_of_errors() -> Iterator[None]:
     except click.exceptions.NoArgsIsHelpError:
         raise
     except click.UsageError as error:
-        pointer = f" See {error.ctx.command_path} --help." if error.ctx else ""
+        help_hint = f" See {error.ctx.command_path} --help." if error.ctx else ""
         sentence = " ".join(_usage_sentence(error).split())  # in one line
-        raise _OneLineUsageError(sentence + pointer) from None
+        raise _OneLineUsageError(sentence + help_hint) from None
     except (click.ClickException, click.exceptions.Exit, click.Abort):
         raise
     except KeyboardInterrupt:
@@ -355,10 +366,12 @@ def _print_error(text: str) -> None:
 
 
 def drop_output(stream: Any = None) -> None:
-    """Discard the buffer of standard output, so that it does not fail again at exit."""
+    """Discard the buffer of standard output, or of ``stream``, so that it does not fail again at exit."""
+    if stream is None:
+        stream = sys.stdout
     with suppress(OSError, ValueError):
         discarding_file = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(discarding_file, (stream or sys.stdout).fileno())
+        os.dup2(discarding_file, stream.fileno())
 
 
 def _interrupt(*_: Any) -> None:
@@ -398,18 +411,20 @@ def _end(*_: Any) -> None:
 
 
 @contextmanager
-def _handling(number: signal.Signals, handler: Callable[..., None], defaults: Sequence[Any]) -> Iterator[None]:
-    """Handle a signal within the context, unless the caller installed a handler that is not in ``defaults``."""
-    previous_handler = signal.getsignal(number)
+def _handling(
+    signal_number: signal.Signals, handler: Callable[..., None], default_handlers: Sequence[Any]
+) -> Iterator[None]:
+    """Handle a signal within the context, unless the caller has installed a handler that is not a default one."""
+    previous_handler = signal.getsignal(signal_number)
     in_main_thread = threading.current_thread() is threading.main_thread()  # only there Python sets handlers
-    if not in_main_thread or previous_handler not in defaults:
+    if not in_main_thread or previous_handler not in default_handlers:
         yield
         return
-    signal.signal(number, handler)
+    signal.signal(signal_number, handler)
     try:
         yield
     finally:
-        signal.signal(number, previous_handler)
+        signal.signal(signal_number, previous_handler)
 
 
 # ── Errors and warnings of the library
@@ -428,7 +443,8 @@ def plain_errors() -> Iterator[None]:
         except TwistWrenchError as error:
             for hint in getattr(error, "__notes__", ()):
                 note(hint)
-            click.echo(f"error: {' '.join(error.in_shell().split())}", err=True)
+            message = " ".join(error.in_shell().split())  # in one line
+            click.echo(f"error: {message}", err=True)
             sys.exit(ExitCode.BAD_INPUT)
 
 
@@ -547,6 +563,7 @@ _NAME_WIDTH = 8
 _SYNONYMS = {"check": "torques"}
 """Listed command for each command name that is not listed."""
 _COMMANDS = {name: entry for group in _GROUPS.values() for name, entry in group.items()}
+"""Entries of commands by name."""
 
 
 class LazyCommands(Commands):
@@ -556,8 +573,9 @@ class LazyCommands(Commands):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command; raises UsageError with what to type instead."""
-        if not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
-            raise click.UsageError(unknown_command(args[0], _COMMANDS), ctx)
+        first_word = args[0]
+        if not first_word.startswith("-") and self.get_command(ctx, first_word) is None:
+            raise click.UsageError(unknown_command(first_word, _COMMANDS), ctx)
         return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  as click calls it
@@ -620,12 +638,13 @@ def help_command(topic: str | None) -> None:
     if topic == "robot":
         command = main.get_command(click.Context(main), "torques")  # any command with a robot has these options
         assert command is not None
-        formatter = click.HelpFormatter(width=80)
+        formatter = click.HelpFormatter(width=_LINE_WIDTH)
         with formatter.section("Robot options"):
             context = click.Context(command)
             robot_options = [parameter for parameter in command.params if isinstance(parameter, RobotOption)]
             records = [option.get_help_record(context) for option in robot_options]
-            formatter.write_dl([record for record in records if record is not None])
+            shown_records = [record for record in records if record is not None]  # without hidden options
+            formatter.write_dl(shown_records)
         click.echo(formatter.getvalue(), nl=False)
         return
     name = f"{_PAGE_BY_TOPIC[topic]}.md"

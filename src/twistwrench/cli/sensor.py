@@ -18,10 +18,9 @@ from .main import option
 from .parameters import Kind, Spelling
 from .skin import Asked, OutputFile, command_of, picture_file, table_file
 
-_LOG = click.argument("readings", metavar="LOG")
+_LOG_ARGUMENT = click.argument("readings", metavar="LOG")
 _PICTURE_HELP = "Draw the readings before and after."
 _TABLE_HELP = "Write the readings without bias and load as a table"
-
 
 # Options of logs that have joint positions in place of orientations.
 _ROBOT_OPTIONS = (
@@ -32,33 +31,38 @@ _ROBOT_OPTIONS = (
 
 
 def _readings(
-    readings: str, arm: str | None, frame: str | None, degrees: bool, asked: Asked, taker: str
+    readings: str, arm: str | None, frame: str | None, degrees: bool, asked: Asked, function: str
 ) -> str | ReadingLog:
-    """Path of the log, or, if a robot is given, the log with orientations from its joint positions."""
+    """Path of the log; if a robot is given, the log with orientations from its joint positions.
+
+    ``function`` is named in errors.
+    """
     if arm is None and (frame is not None or degrees):
         raise ValueRangeError(
             "--frame and --degrees are about joint positions. Give the robot that has them, --robot ROBOT."
         )
     if arm is None:
         return readings
-    return readings_of(readings, asked.get("gravity", STRENGTH), taker, robot=arm, frame=frame, degrees=degrees)
+    gravity = asked.get("gravity", STRENGTH)
+    return readings_of(readings, gravity, function, robot=arm, frame=frame, degrees=degrees)
 
 
 def _log_file(readings: str | None) -> dict[str, Path | None]:
-    """File that the command reads, by argument; None without a log."""
+    """File that the command reads, by argument; None if no log is given."""
     return {"LOG": None if readings is None else log_path(readings)}
 
 
 def _numbers(*counts: int) -> Callable[[str, str], list[float]]:
     """Parser of comma-separated numbers, as many as one of the counts."""
-    form = f"{' or '.join(map(str, counts))} numbers separated by commas"
+    allowed_counts = " or ".join(map(str, counts))
+    form = f"{allowed_counts} numbers separated by commas"
     return lambda text, flag: parse_numbers(text, flag, form, *counts)
 
 
 @command_of(
     "compensate",
     compensate,
-    _LOG,
+    _LOG_ARGUMENT,
     *_ROBOT_OPTIONS,
     files=(table_file(Compensation.to_csv, _TABLE_HELP), picture_file(_PICTURE_HELP)),
     report=True,
@@ -82,7 +86,7 @@ def compensate_command(readings: str, arm: str | None, frame: str | None, degree
 @command_of(
     "identify",
     identify,
-    _LOG,
+    _LOG_ARGUMENT,
     *_ROBOT_OPTIONS,
     files=(
         OutputFile("--save OUT.json", "Write the sensor file for `compensate`.", Identification.write),

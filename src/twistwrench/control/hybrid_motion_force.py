@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 # :mod:`twistwrench.robot.constraints.projections`, λ_d is exerted by the robot on its constraints.
 
 Law = Callable[[float, Array, Array], ArrayLike]
+"""Function of (t, q, dq) that returns torques."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +71,15 @@ class HybridMotionForce:
             raise ValueRangeError(f"HybridMotionForce: motion is {self.motion!r}, and must be a law of (t, q, dq).")
         force = self.force
         if not callable(force):
-            what = f"HybridMotionForce: force (one for each of {', '.join(names)})"
-            k = len(names)
-            constant = np.array(arguments.finite(arguments.one(force, what, k), what, k))
-            force = lambda _t: constant  # noqa: E731
+            argument_name = f"HybridMotionForce: force (one for each of {', '.join(names)})"
+            row_count = len(names)
+            one_force = arguments.one(force, argument_name, row_count)
+            constant_force = np.array(arguments.finite(one_force, argument_name, row_count))
+            force = lambda _t: constant_force  # noqa: E731
         object.__setattr__(self, "_force", force)
         set_gains(self, names, "force_gain")
-        has_gain, has_measurement = bool(np.any(self._force_gain)), self.measured is not None
+        has_gain = bool(np.any(self._force_gain))
+        has_measurement = self.measured is not None
         if has_gain != has_measurement:
             raise ValueRangeError("HybridMotionForce: force_gain acts on λ_d - λ, so it and measured go together.")
         if self.measured is not None and not callable(self.measured):
@@ -85,16 +88,18 @@ class HybridMotionForce:
             )
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
-        """τ (nv,)."""
-        closed, robot = self.closed, self.closed.open()
+        """Torques τ (nv,)."""
+        closed = self.closed
+        robot = closed.open()
         q, dq = one_state(robot, "HybridMotionForce", q, dq)
-        k, source = len(closed.sizes), f"of HybridMotionForce at t = {printed(t)} s"
+        row_count = len(closed.sizes)
+        source = f"of HybridMotionForce at t = {printed(t)} s"  # for errors
         tau_motion = arguments.one(self.motion(t, q, dq), f"motion {source}", robot.nv)
         free_ddq = robot.forward_dynamics(q, dq, tau_motion)
         ddq = closed.project_acceleration(q, dq, free_ddq)  # M ddq = P (τ_motion - h) - A'(A M⁻¹ A')⁻¹ dA/dt dq
-        lam = arguments.one(self._force(t), f"force {source}", k)
+        lam = arguments.one(self._force(t), f"force {source}", row_count)
         if self.measured is not None:
-            measured_lam = arguments.one(self.measured(t, q, dq), f"measured {source}", k)
+            measured_lam = arguments.one(self.measured(t, q, dq), f"measured {source}", row_count)
             lam = lam + self._force_gain @ (lam - measured_lam)
         return robot.inverse_dynamics(q, dq, ddq) + closed.constraint_jacobian(q).T @ lam
 

@@ -24,7 +24,7 @@ from .text import Argument, listed
 from .third_party import is_lazy
 from .typing import Array
 
-_PLAIN = (list, tuple, float, int)
+_UNLABELLED_TYPES = (list, tuple, float, int)
 
 
 def is_table(x: Any) -> bool:
@@ -55,7 +55,9 @@ def columns_in_order(x: Any, what: str, names: Sequence[str]) -> Any:
     repeated = [label for k, label in enumerate(labels) if label in labels[:k]]
     if foreign or missing or repeated:
         labels_by_defect = {"foreign": foreign, "missing": missing, "twice": repeated}
-        defects = "; ".join(f"{defect}: {listed(some)}" for defect, some in labels_by_defect.items() if some)
+        defects = "; ".join(
+            f"{defect}: {listed(defect_labels)}" for defect, defect_labels in labels_by_defect.items() if defect_labels
+        )
         raise UnknownNameError(
             f"{what} has columns that are not the robot's. {defects[0].upper()}{defects[1:]}. Its columns must be "
             f"{listed(names)}, in any order. Choose them: df[list(names)] with names = robot.coordinate_names for "
@@ -65,8 +67,8 @@ def columns_in_order(x: Any, what: str, names: Sequence[str]) -> Any:
 
 
 def _labels(x: Any) -> list[Any] | None:
-    """Labels of the last axis; None if it has none."""
-    if isinstance(x, _PLAIN):
+    """Labels of the last axis of a table, or those of a row of a data frame; None if ``x`` has no labels."""
+    if isinstance(x, _UNLABELLED_TYPES):
         return None
     columns = getattr(x, "columns", None)
     if columns is not None and not callable(columns):
@@ -83,7 +85,7 @@ def _labels(x: Any) -> list[Any] | None:
 
 
 def _contents(x: Any) -> Any:
-    """Numbers without their labels; lazy if the table is lazy."""
+    """Numbers of a table without their labels; a lazy array if the table is lazy."""
     if getattr(x, "dims", None) is not None and hasattr(x, "data"):
         return x.data
     return x.to_numpy()
@@ -97,10 +99,13 @@ def refuse(gaps: Array, allowed: float, complaint: str) -> None:
     """Raise ValueRangeError with the batch row if the largest of ``gaps`` (..., n, n) exceeds ``allowed``. NaN passes."""
     if not (gaps > allowed).any():
         return
-    worst = int(np.nanargmax(gaps))
-    row = tuple(int(i) for i in np.unravel_index(worst, gaps.shape))[:-2]
-    where = f" (row {', '.join(map(str, row))} of the batch)" if row else ""
-    raise ValueRangeError(f"{complaint.format(gap=printed(gaps.flat[worst], 3), allowed=printed(allowed))}{where}.")
+    flat_index = int(np.nanargmax(gaps))
+    index = np.unravel_index(flat_index, gaps.shape)
+    batch_index = [str(i) for i in index[:-2]]
+    row_text = f" (row {', '.join(batch_index)} of the batch)" if batch_index else ""
+    largest_gap = printed(gaps.flat[flat_index], 3)
+    message = complaint.format(gap=largest_gap, allowed=printed(allowed))
+    raise ValueRangeError(f"{message}{row_text}.")
 
 
 def rotation(R: Array, what: str) -> Array:
@@ -111,8 +116,9 @@ def rotation(R: Array, what: str) -> Array:
     with np.errstate(all="ignore"):
         deviation = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
         reflected = np.maximum(0.0, -np.linalg.det(R))[..., None, None]
+    has_infinite_entry = np.isinf(R).any(axis=(-2, -1), keepdims=True)
     refuse(
-        np.where(np.isinf(R).any(axis=(-2, -1), keepdims=True), np.inf, deviation),
+        np.where(has_infinite_entry, np.inf, deviation),  # instead of NaN, which passes
         allowed,
         f"{what} is not a rotation: R' R is {{gap}} off the identity, allowed {{allowed}}; "
         "so3.project gives the nearest one",
@@ -124,11 +130,11 @@ def rotation(R: Array, what: str) -> Array:
 def _surely_rotations(R: Array) -> bool:
     """True if two rows are orthonormal and the third is their cross product, to a fifth of the tolerance.
 
-    Uses floats or columns, because every Ad and inverse calls it; computing the deviation takes ten times as long.
+    Computes with floats, or with columns of a batch: every Ad and inverse calls it, and R' R takes ten times as long.
     """
     allowed = 0.2 * TOLERANCE
     if R.ndim == 2:
-        return all(not abs(gap) > allowed for gap in gaps(R.tolist()))
+        return all(not abs(gap) > allowed for gap in gaps(R.tolist()))  # "not >": NaN passes
     with np.errstate(all="ignore"):  # infinite entries fail the test, without a warning
         return not any((np.abs(gap) > allowed).any() for gap in gaps(np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()))
 
@@ -162,13 +168,14 @@ def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
 
 _MAX_VALUE_LENGTH = 60
 """Maximum number of characters of a given value in an error message."""
-_NO_ARRAY = "is not an array of real numbers"
-_FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
-_PYTHON = (int, float, np.floating, np.integer, Rational)
-_NAMES = {"U": "text", "S": "bytes", "c": "complex numbers", "M": "dates", "m": "time spans", "O": "objects"}
+_NOT_AN_ARRAY = "is not an array of real numbers"
+_FLOAT_TYPES = (np.dtype(np.float64), np.dtype(np.float32))
+_REAL_NUMBER_TYPES = (int, float, np.floating, np.integer, Rational)
+_KIND_NAMES = {"U": "text", "S": "bytes", "c": "complex numbers", "M": "dates", "m": "time spans", "O": "objects"}
+"""Names of other contents of an array, by the ``kind`` of its NumPy type."""
 
 
-def to_numbers(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _NO_ARRAY) -> Any:
+def to_numbers(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _NOT_AN_ARRAY) -> Any:
     """x as an ndarray of any numbers; a Dask array is returned unchanged.
 
     The columns of a table (a data frame, a row of one, an array with a labelled last axis) are put in the order of ``names``;
@@ -179,7 +186,7 @@ def to_numbers(x: Any, what: str, names: Sequence[str] = (), *, complaint: str =
         return x
     try:
         x = columns_in_order(x, what, names)
-        made = x if is_lazy(x) else np.asarray(x)
+        numbers = x if is_lazy(x) else np.asarray(x)
     except TwistWrenchError:
         raise
     except Exception as error:  # rows of different lengths, integers beyond floats, any error of another library
@@ -189,21 +196,21 @@ def to_numbers(x: Any, what: str, names: Sequence[str] = (), *, complaint: str =
                 "function of JAX arrays: robot.to_jax(name)."
             ) from None
         raise ShapeError(f"{what} {complaint}: {error}") from None
-    masked = sys.modules.get("numpy.ma")  # NumPy imports it on demand
-    if masked and isinstance(x, masked.MaskedArray) and masked.is_masked(x):
-        count = int(masked.getmaskarray(x).sum())
+    masked_arrays = sys.modules.get("numpy.ma")  # None if nothing has imported it: then no array is masked
+    if masked_arrays and isinstance(x, masked_arrays.MaskedArray) and masked_arrays.is_masked(x):
+        masked_count = int(masked_arrays.getmaskarray(x).sum())
         raise ValueRangeError(
-            f"{what} has {count} masked entries, which are not numbers. Fill them: x.filled(np.nan) makes gaps of them."
+            f"{what} has {masked_count} masked entries, which are not numbers. Fill them: x.filled(np.nan) makes gaps of them."
         )
-    return made
+    return numbers
 
 
-def of_plain(given: Sequence[Any]) -> tuple[Array, ...] | None:
-    """Arrays of the arguments if each is a NumPy array, a plain list, a tuple or a number; else None."""
-    if not all(type(x) in (np.ndarray, list, tuple, float, int) for x in given):
+def of_plain(values: Sequence[Any]) -> tuple[Array, ...] | None:
+    """Arrays of some arguments if each is a NumPy array, a plain list, a tuple or a number; else None."""
+    if not all(type(x) in (np.ndarray, list, tuple, float, int) for x in values):
         return None
     try:
-        return tuple([np.asarray(x) for x in given])
+        return tuple([np.asarray(x) for x in values])
     except Exception:  # to_numbers() reports the error
         return None
 
@@ -222,7 +229,7 @@ def array(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Seque
         x = _array(x, what, shape, batch, names)
     if (x.shape[-len(shape) :] if batch else x.shape) != shape and (shape or not batch):
         raise ShapeError(f"{what} has {_kind_text(x)}, expected {_shape_text(shape, batch)}.")
-    if x.dtype in _FLOATS:
+    if x.dtype in _FLOAT_TYPES:
         return x
     if x.dtype.kind in "biuf":  # small integers would overflow, and unsigned ones have no minus sign
         return x.astype(float)
@@ -245,16 +252,17 @@ def real(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequen
 def finite(x: ArrayLike, what: str, *shape: int, names: Sequence[str] = ()) -> Array:
     """x as finite real numbers, with last axes of the given shape."""
     M = real(x, what, *shape, names=names)
-    bad = ~np.isfinite(M)
-    if bad.any():
-        where = tuple(int(i) for i in np.argwhere(bad)[0])
-        raise ValueRangeError(f"{what} has the entry {M[where]} at {where}: every entry must be a finite number.")
+    is_refused = ~np.isfinite(M)
+    if is_refused.any():
+        index = tuple(int(i) for i in np.argwhere(is_refused)[0])
+        raise ValueRangeError(f"{what} has the entry {M[index]} at {index}: every entry must be a finite number.")
     return M
 
 
 def one(x: ArrayLike, what: str, *shape: int, symbols: bool = False, names: Sequence[str] = ()) -> Array:
     """x as float64 numbers, or symbols if allowed, of exactly this shape: one value, not a batch."""
-    M = (array if symbols else real)(x, what, *shape, batch=False, names=names)
+    check = array if symbols else real
+    M = check(x, what, *shape, batch=False, names=names)
     if M.dtype == object:
         return M
     return np.asarray(M, float)
@@ -263,8 +271,8 @@ def one(x: ArrayLike, what: str, *shape: int, symbols: bool = False, names: Sequ
 _UNITS: Mapping[str, Mapping[str, float]] = {
     "s": {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0},
 }
-"""Units of texts for a quantity, by its SI unit: factor of each."""
-_WITH_UNIT = re.compile(r"\s*(?P<number>[^a-zA-Z\s]+(?:[eE][-+]?\d+)?)\s*(?P<unit>[a-zA-Z]*)\s*")
+"""By the SI unit of a quantity: units that a text may have, each with its factor; the empty text is for no unit."""
+_NUMBER_WITH_UNIT = re.compile(r"\s*(?P<number>[^a-zA-Z\s]+(?:[eE][-+]?\d+)?)\s*(?P<unit>[a-zA-Z]*)\s*")
 
 
 def read_quantity(text: str, what: str, unit: str) -> float:
@@ -273,13 +281,14 @@ def read_quantity(text: str, what: str, unit: str) -> float:
     >>> read_quantity("500 ms", "duration", "s"), read_quantity("5", "duration", "s")
     (0.5, 5.0)
     """
-    match, factors = _WITH_UNIT.fullmatch(text), _UNITS[unit]
+    match = _NUMBER_WITH_UNIT.fullmatch(text)
+    factors = _UNITS[unit]
     try:
         if match:
             return float(match["number"]) * factors[match["unit"]]
         return float(text)
     except (KeyError, ValueError):
-        *units, last_unit = list(factors)[1:]
+        *units, last_unit = list(factors)[1:]  # without the empty text
         raise ValueRangeError(
             f"{what} is {text!r}: expected a number, or one with {', '.join(units)} or {last_unit}."
         ) from None
@@ -296,12 +305,16 @@ def number(x: Any, what: str) -> float:
 
 
 def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
-    """x as one number above 0 [``unit``], or text with one; ``zero`` and ``infinite`` allow those. Raises ValueRangeError."""
+    """x, a number or a text with a number, as one number above 0 [``unit``]. Raises ValueRangeError.
+
+    ``zero`` also allows 0, ``infinite`` also infinity.
+    """
     if isinstance(x, str) and unit in _UNITS:
         value = read_quantity(x, what, unit)
     else:
         value = number(x, what)
-    if not (value > 0 or (zero and value == 0)) or (value == np.inf and not infinite):
+    is_large_enough = value > 0 or (zero and value == 0)
+    if not is_large_enough or (value == np.inf and not infinite):
         requirement = "a number, at least 0" if zero else "a positive number"
         unit_text = f" [{unit}]" if unit else ""
         raise ValueRangeError(f"{what} is {x}, and must be {requirement}{unit_text}.")
@@ -321,7 +334,7 @@ def integer(x: Any, what: str, least: int = 1) -> int:
     try:
         value = operator.index(x)
     except TypeError:
-        value = least - 1
+        value = least - 1  # fails the next test
     if isinstance(x, bool) or value < least:
         raise ValueRangeError(f"{what}={value_text(x)}: give a whole number of at least {least}.")
     return value
@@ -339,7 +352,9 @@ def generator(rng: Any, what: str = "rng") -> np.random.Generator:
 
 def flag(x: Any, what: str) -> bool:
     """x as a bool: True, False, a NumPy bool, 0, 1, or None for False. Raises ValueRangeError."""
-    if x is None or isinstance(x, bool | np.bool_) or (isinstance(x, int | float) and x in (0, 1)):
+    if x is None or isinstance(x, bool | np.bool_):
+        return bool(x)
+    if isinstance(x, int | float) and x in (0, 1):
         return bool(x)
     raise ValueRangeError(f"{what} is {value_text(x)}: give True or False.")
 
@@ -395,9 +410,13 @@ def mismatch(**arrays: Array) -> ShapeError:
 
 
 def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False, names: Sequence[str] = ()) -> Array:
+    """x as an ndarray, its numbers as floats if NumPy has no type for them. The shape is only named in errors."""
     complaint = f"is not an array, expected {_shape_text(shape, batch)} of real numbers"
     M = np.asarray(to_numbers(x, what, names, complaint=complaint))
-    if M.dtype == object and M.size and all(issubclass(kind, _PYTHON) for kind in set(map(type, M.flat))):
+    if M.dtype != object or not M.size:
+        return M
+    entry_types = set(map(type, M.flat))
+    if all(issubclass(entry_type, _REAL_NUMBER_TYPES) for entry_type in entry_types):
         try:
             return M.astype(float)  # fractions, and integers beyond 64 bits
         except OverflowError as error:
@@ -406,41 +425,44 @@ def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False, names
 
 
 def _shape_text(shape: tuple[int, ...], batch: bool) -> str:
+    """Shape as a text; with ``batch``, with leading dots for further axes."""
     if batch:
         return f"({', '.join(['...', *map(str, shape)])})"
     return str(shape)
 
 
-def _is_number(kind: type) -> bool:
-    """True if elements of an object array are numbers or symbols, which can be negated, unlike texts and None."""
-    return hasattr(kind, "__neg__") and not issubclass(kind, (complex, np.complexfloating, np.ndarray))
+def _is_number(entry_type: type) -> bool:
+    """True if an entry type of an object array is one of numbers or symbols: these can be negated, unlike texts and None."""
+    return hasattr(entry_type, "__neg__") and not issubclass(entry_type, (complex, np.complexfloating, np.ndarray))
 
 
 def _kind_text(x: Array) -> str:
+    """Shape of an array, and the kind of its entries unless they are real numbers."""
     kind = x.dtype.kind
     if kind == "O" and x.size:
         type_names = {type(entry).__name__ for entry in x.flat}
         return f"shape {x.shape} of {', '.join(sorted(type_names))}"
     if kind in "biufO":
         return f"shape {x.shape}"
-    return f"shape {x.shape} of {_NAMES.get(kind, x.dtype.name)}"
+    return f"shape {x.shape} of {_KIND_NAMES.get(kind, x.dtype.name)}"
 
 
 def pose(T: ArrayLike, what: str) -> Array:
     """T (..., 4, 4), checked to be a pose within 1e-6. Symbols and labelled poses (checked before) are not checked."""
     M = array(T, what, 4, 4)
-    if M.dtype != object and not hasattr(T, "of"):
+    is_labelled = hasattr(T, "of")
+    if M.dtype != object and not is_labelled:
         last_row(M, what)
         rotation(M[..., :3, :3], what)
     return M
 
 
 def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:
-    """Parse finite numbers separated by commas, of one of these counts; ValueRangeError shows the form."""
+    """Parse finite numbers separated by commas, as many as one of ``counts``; ValueRangeError shows the form."""
     try:
         numbers = [float(x) for x in text.split(",")]
     except ValueError:
-        numbers = []
+        numbers = []  # not in counts
     if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
         raise ValueRangeError(f"{what} {text!r}: expected {form}.")
     return numbers
@@ -486,15 +508,16 @@ def taking_the_arguments_of(
 
 
 def hint_if_misused(hint: str) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
-    """Decorator for a function whose TypeError for arguments that it does not take is replaced by this hint."""
+    """Decorator for a function: calls with arguments that it does not take raise TypeError with this hint."""
 
     def decorate(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
         @wraps(function)
-        def call(*given: Arguments.args, **named: Arguments.kwargs) -> Result:
+        def call(*positional: Arguments.args, **named: Arguments.kwargs) -> Result:
             try:
-                return function(*given, **named)
+                return function(*positional, **named)
             except TypeError as error:
-                if error.__traceback__ is not None and error.__traceback__.tb_next is None:  # raised by the call itself
+                trace = error.__traceback__
+                if trace is not None and trace.tb_next is None:  # raised by the call, not in the function
                     raise TypeError(hint) from None
                 raise
 

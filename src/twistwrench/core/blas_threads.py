@@ -15,7 +15,10 @@ _FUNCTION_NAMES = (
     "scipy_openblas_{}_num_threads64_", "scipy_openblas_{}_num_threads", "openblas_{}_num_threads64_",
     "openblas_{}_num_threads",
 )  # fmt: skip
-"""Names of the functions "get" and "set" of OpenBLAS: in wheels of NumPy and SciPy with 64 and 32 bits, and elsewhere."""
+"""Names of the functions of OpenBLAS, with "get" or "set" in the braces.
+
+The first two are those in wheels of NumPy and SciPy, with integers of 64 and 32 bits; the others are those elsewhere.
+"""
 
 
 class _Library(NamedTuple):
@@ -24,16 +27,18 @@ class _Library(NamedTuple):
     threads: Callable[[], int]
     """Function that returns the number of threads."""
     set_threads: Callable[[int], Any]
+    """Function that sets the number of threads."""
 
 
 class _OneThread:
-    """Counter of the calls that need one thread. The first sets it, and the last restores the former numbers."""
+    """Counter of the calls that need one thread. The first call sets one thread; the last restores the former numbers."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.calls = 0
         """Number of calls that run now."""
         self.former_counts: list[tuple[_Library, int]] = []
+        """Libraries with their numbers of threads before the first call."""
 
     def begin(self) -> None:
         """Begin a call."""
@@ -80,8 +85,10 @@ def _libraries() -> list[_Library]:
             continue
         package = Path(str(module.__file__)).parent
         for folder in (package.with_name(f"{name}.libs"), package / ".dylibs"):  # on Linux and Windows; on macOS
-            opened = map(_open_library, sorted(folder.glob("*openblas*")))
-            libraries += [library for library in opened if library is not None]
+            for file in sorted(folder.glob("*openblas*")):
+                library = _open_library(file)
+                if library is not None:
+                    libraries.append(library)
     return libraries
 
 
@@ -91,6 +98,7 @@ def _open_library(path: Path) -> _Library | None:
     with suppress(OSError, AttributeError):
         loaded = ctypes.CDLL(str(path), mode=only_if_loaded)
         for name in _FUNCTION_NAMES:
-            if hasattr(loaded, name.format("set")):
-                return _Library(getattr(loaded, name.format("get")), getattr(loaded, name.format("set")))
+            getter, setter = name.format("get"), name.format("set")
+            if hasattr(loaded, setter):
+                return _Library(getattr(loaded, getter), getattr(loaded, setter))
     return None

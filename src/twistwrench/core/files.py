@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from .arguments import value_text
 from .errors import ValueRangeError
@@ -24,11 +24,16 @@ _READ_SIZE = 1 << 16
 """Number of bytes that are read at once."""
 _OPENING_TIMEOUT = 10.0
 """Time in which another process must open the other end of a named pipe [s]."""
+_OPENING_POLL = 0.01
+"""Time between two looks whether another process has opened the pipe [s]."""
+_MAX_NAME_PART = 20
+"""Number of characters of a file's stem and of its suffix in the name of its temporary file."""
 
 
 def as_path(path: Any) -> Path:
     """Path from a caller's text or Path. Raises ValueRangeError for anything else and for an empty text."""
-    if not isinstance(path, str | os.PathLike) or isinstance(path, bytes) or not str(path):
+    is_path = isinstance(path, str | os.PathLike) and not isinstance(path, bytes)
+    if not is_path or not str(path):
         raise ValueRangeError(f"path is {value_text(path)}: give the path of a file, a text or a pathlib.Path.")
     return Path(path)
 
@@ -52,7 +57,8 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     Traceback (most recent call last):
     OSError: [Errno 27] it has more than 1000 bytes: '/dev/zero'
     """
-    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # where the system has them
+    handle = os.open(path, flags)
     try:
         status = os.fstat(handle)
         if stat.S_ISDIR(status.st_mode):
@@ -74,7 +80,7 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
 
 def read_standard_input(most: int = MOST_BYTES) -> bytes:
     """All bytes of standard input. Raises OSError with ``EFBIG`` for more than ``most``."""
-    data = sys.stdin.buffer.read(most + 1)
+    data = sys.stdin.buffer.read(most + 1)  # one more shows that there are too many
     if len(data) > most:
         raise _size_error(Path("-"), most)
     return data
@@ -101,7 +107,7 @@ def _read_to_end(handle: int, path: Path, most: int) -> bytes:
         elif time.monotonic() > deadline:
             raise OSError(errno.ETIMEDOUT, "it is a pipe that nobody writes to", str(path))
         else:
-            time.sleep(0.01)
+            time.sleep(_OPENING_POLL)
 
 
 def _is_unopened_pipe(handle: int) -> bool:
@@ -231,31 +237,31 @@ def replacing(path: str | Path) -> Iterator[Path]:
     A replaced file keeps its mode, and its owner and group if the system allows it; a new one gets the mode of the process's
     new files. Raises :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
     """
-    with replacing_together([path]) as (scratch,):
-        yield scratch
+    with replacing_together([path]) as (temporary_path,):
+        yield temporary_path
 
 
 @contextlib.contextmanager
 def replacing_together(paths: Sequence[str | Path]) -> Iterator[tuple[Path, ...]]:
     """Temporary names for several files as in :func:`replacing`: all are written to disk before the first is renamed."""
-    files: list[tuple[Path, Path, os.stat_result | None]] = []  # temporary file, target, status of the target
+    files: list[_BegunFile] = []
     current_path = as_path(paths[0])  # named in the message of an error
     try:
         for path in map(as_path, paths):
             current_path = path
             files.append(_begin_file(path))
-        yield tuple(scratch for scratch, _, _ in files)
-        for path, (scratch, target, old_status) in zip(map(as_path, paths), files, strict=True):
-            current_path = path
-            if scratch != target:
-                if old_status is not None:
-                    _keep_owner_and_mode(scratch, old_status)
-                with scratch.open("rb+") as file:
-                    os.fsync(file.fileno())
-        for path, (scratch, target, _) in zip(map(as_path, paths), files, strict=True):
-            current_path = path
-            if scratch != target:
-                os.replace(scratch, target)  # noqa: PTH105  the atomic one, by its plain name
+        yield tuple(file.temporary for file in files)
+        for file in files:
+            current_path = file.path
+            if file.is_temporary:
+                if file.old_status is not None:
+                    _keep_owner_and_mode(file.temporary, file.old_status)
+                with file.temporary.open("rb+") as stream:
+                    os.fsync(stream.fileno())  # onto the disk
+        for file in files:
+            current_path = file.path
+            if file.is_temporary:
+                os.replace(file.temporary, file.target)  # noqa: PTH105  the atomic one, by its plain name
     except BrokenPipeError:
         raise
     except OSError as problem:
@@ -263,20 +269,35 @@ def replacing_together(paths: Sequence[str | Path]) -> Iterator[tuple[Path, ...]
             f"cannot write {str(current_path)!r}: {problem.strerror}. Free space, or give another name."
         ) from None
     finally:
-        for scratch, target, _ in files:
-            if scratch != target:
-                scratch.unlink(missing_ok=True)
+        for file in files:
+            if file.is_temporary:
+                file.temporary.unlink(missing_ok=True)
 
 
-def _begin_file(path: Path) -> tuple[Path, Path, os.stat_result | None]:
-    """Empty temporary file, its target, and the status of an existing target.
+class _BegunFile(NamedTuple):
+    """File that is being written under a temporary name."""
 
-    Pipes and devices are written directly: the temporary file is then the target.
-    """
+    path: Path
+    """Path as given."""
+    temporary: Path
+    """Temporary file; the target itself for pipes and devices, which are written directly."""
+    target: Path
+    """Path without links."""
+    old_status: os.stat_result | None
+    """Status of an existing target; None without one."""
+
+    @property
+    def is_temporary(self) -> bool:
+        """True unless the target is written directly."""
+        return self.temporary != self.target
+
+
+def _begin_file(path: Path) -> _BegunFile:
+    """Create an empty temporary file beside the target."""
     if path.is_dir():
         raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
     if path.exists() and not path.is_file():
-        return path, path, None
+        return _BegunFile(path, path, path, None)
     advice = "Name a file in a folder that exists and is writable."
     try:
         target = path.resolve()  # so that a link stays, and the file that it names is replaced
@@ -284,17 +305,20 @@ def _begin_file(path: Path) -> tuple[Path, Path, os.stat_result | None]:
     except (OSError, RuntimeError) as problem:  # name too long, circular links
         reason = getattr(problem, "strerror", None) or str(problem)
         raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. {advice}") from None
-    scratch = target.with_name(f".{target.stem[:20]}.{os.urandom(8).hex()}{target.suffix[-20:]}")
+    random_text = os.urandom(8).hex()
+    temporary_name = f".{target.stem[:_MAX_NAME_PART]}.{random_text}{target.suffix[-_MAX_NAME_PART:]}"
+    temporary = target.with_name(temporary_name)
     # The system applies the umask to a new file; a file that replaces another is private until it has the other's mode.
     mode = 0o666 if old_status is None else 0o600
     try:
-        os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
+        handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode)
+        os.close(handle)
     except OSError as problem:
         raise ValueRangeError(f"cannot write {str(path)!r}: {problem.strerror}. {advice}") from None
-    return scratch, target, old_status
+    return _BegunFile(path, temporary, target, old_status)
 
 
-def _keep_owner_and_mode(scratch: Path, old_status: os.stat_result) -> None:
+def _keep_owner_and_mode(path: Path, old_status: os.stat_result) -> None:
     """Give a file owner, group and mode of the file that it replaces.
 
     If the system refuses the group, the new group may do no more than others could.
@@ -302,10 +326,10 @@ def _keep_owner_and_mode(scratch: Path, old_status: os.stat_result) -> None:
     mode = stat.S_IMODE(old_status.st_mode)
     if hasattr(os, "chown"):
         with contextlib.suppress(OSError):
-            os.chown(scratch, old_status.st_uid, -1)
+            os.chown(path, old_status.st_uid, -1)  # -1: the group stays
         with contextlib.suppress(OSError):
-            os.chown(scratch, -1, old_status.st_gid)
-        if scratch.stat().st_gid != old_status.st_gid:
+            os.chown(path, -1, old_status.st_gid)
+        if path.stat().st_gid != old_status.st_gid:
             permissions_of_others = mode & 0o007
             mode &= ~0o070 | permissions_of_others << 3
-    scratch.chmod(mode)
+    path.chmod(mode)

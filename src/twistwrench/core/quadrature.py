@@ -14,11 +14,13 @@ import numpy as np
 
 from .typing import Array
 
-_NODES, _WEIGHTS = (0.5 * numbers for numbers in np.polynomial.legendre.leggauss(8))
-_NODES = _NODES + 0.5
-"""Eight nodes of Gauss's rule on [0, 1], at most 0.19 apart, with their weights."""
+_LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(8)  # on [-1, 1]
+_NODES = 0.5 * _LEGENDRE_NODES + 0.5
+"""Eight nodes of Gauss's rule on [0, 1], at most 0.19 apart."""
+_WEIGHTS = 0.5 * _LEGENDRE_WEIGHTS
+"""Weights of the nodes; their sum is 1."""
 _RULE_LENGTH = 5.0
-"""Length of one Gauss rule, in units of the spacing: its nodes are then less than one spacing apart."""
+"""Length of one Gauss rule, in spacings: its nodes are then less than one spacing apart."""
 _MAX_SHARE_OF_DURATION = 1e-3
 """Largest spacing of evaluations, as a share of the duration of a motion."""
 _ROUNDING = 1e-13
@@ -26,7 +28,7 @@ _ROUNDING = 1e-13
 
 
 def probe_spacing(dt: float, duration: float) -> float:
-    """Largest spacing of evaluations [s]: the smaller of dt and a thousandth of the duration."""
+    """Largest time between evaluations [s]: the smaller of dt and a thousandth of the duration."""
     return min(dt, _MAX_SHARE_OF_DURATION * duration)
 
 
@@ -40,7 +42,8 @@ class ProbeRule:
     def __init__(self, times: Array, weights: Array, spacing: float) -> None:
         self.spacing = spacing
         is_used = weights != 0.0
-        self.times, self.weights = times[is_used], weights[is_used]
+        self.times = times[is_used]
+        self.weights = weights[is_used]
 
     @cached_property
     def _single_rule(self) -> tuple[Array, Array]:
@@ -48,7 +51,7 @@ class ProbeRule:
         return self._rules(1)
 
     def needed(self, h: float) -> bool:
-        """True if the method's own evaluation times are too far apart."""
+        """True if a step ``h`` [s] is so long that the method's own evaluation times are too far apart."""
         return h > self.spacing / _RULE_LENGTH
 
     def shares(self, h: float) -> tuple[Array, Array]:
@@ -62,11 +65,13 @@ class ProbeRule:
         """Times and weights with n Gauss rules, one after the other; the method's weights are subtracted."""
         probe_times = ((np.arange(n)[:, None] + _NODES) / n).ravel()
         probe_weights = np.tile(_WEIGHTS / n, n)
-        return np.concatenate([self.times, probe_times]), np.concatenate([-self.weights, probe_weights])
+        times = np.concatenate([self.times, probe_times])
+        weights = np.concatenate([-self.weights, probe_weights])
+        return times, weights
 
 
 def left_out(weights: Array, forces: Array) -> Array:
     """Missed part (..., k) of the mean of forces (..., m, k) at the times of a rule; rounding errors are set to zero."""
-    missed = weights @ forces
+    missed_mean = weights @ forces
     rounding = _ROUNDING * np.abs(forces).max(axis=-2)
-    return np.where(np.abs(missed) > rounding, missed, 0.0)
+    return np.where(np.abs(missed_mean) > rounding, missed_mean, 0.0)

@@ -71,10 +71,10 @@ class CsvWriter:
     def numbers(self, rows: Array) -> None:
         """Add rows (n, columns) of numbers, with the digits that reproduce them exactly."""
         # The csv module would take twice as long. Numbers need no quotes, and repr gives the shortest exact decimal.
-        for first in range(0, len(rows), _ROWS_PER_BLOCK):  # in blocks: text takes ten times the memory of the numbers
-            block = rows[first : first + _ROWS_PER_BLOCK].tolist()
-            text = "".join(",".join(map(repr, row)) + "\n" for row in block)
-            self.file.write(text.encode("ascii"))
+        for begin in range(0, len(rows), _ROWS_PER_BLOCK):  # in blocks: text takes ten times the memory of the numbers
+            block = rows[begin : begin + _ROWS_PER_BLOCK].tolist()
+            lines = [",".join(map(repr, row)) + "\n" for row in block]
+            self.file.write("".join(lines).encode("ascii"))
 
 
 def _cell_text(cell: str | float | None) -> str:
@@ -89,7 +89,7 @@ def _cell_text(cell: str | float | None) -> str:
 @contextmanager
 def csv_table(path: str | Path, header: Iterable[str]) -> Iterator[CsvWriter]:
     """Writer of a CSV file with that header; the file replaces an existing one once it is complete."""
-    with replacing(path) as scratch, scratch.open("wb") as file:
+    with replacing(path) as temporary_path, temporary_path.open("wb") as file:
         writer = CsvWriter(file)
         writer.row(header)
         yield writer
@@ -99,7 +99,9 @@ def csv_table(path: str | Path, header: Iterable[str]) -> Iterator[CsvWriter]:
 
 
 def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Table with an optional title: numbers in four digits, None as a dash, all else escaped, text columns left-aligned.
+    """Table with an optional title. Numbers have four digits, None is a dash, and texts are escaped.
+
+    Columns with a text are aligned at the left.
 
     >>> html_table("a < b", ["x"], [[0.123456], [None]])
     '<p>a &lt; b</p><table><thead><tr><th>x</th></tr></thead><tbody><tr><td>0.1235</td></tr><tr><td>–</td></tr></tbody></table>'
@@ -109,11 +111,12 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
     all_rows = [list(row) for row in rows]
     column_styles = [""] * len(header)
     for row in all_rows:
-        for column, value in enumerate(row):
+        for k, value in enumerate(row):
             if isinstance(value, str):
-                column_styles[column] = ' style="text-align: left"'
+                column_styles[k] = ' style="text-align: left"'
 
     def table_row(tag: str, texts: Iterable[str]) -> str:
+        """Row of cells with a tag: ``th`` for the header, otherwise ``td``."""
         cells = [f"<{tag}{style}>{html.escape(text)}</{tag}>" for style, text in zip(column_styles, texts, strict=True)]
         return f"<tr>{''.join(cells)}</tr>"
 
@@ -124,7 +127,7 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
 
 
 def _display_text(value: Any) -> str:
-    """Text of a cell for readers."""
+    """Text of a cell of an HTML table, not escaped."""
     if value is None or isinstance(value, float):
         return number(value)
     return str(value)

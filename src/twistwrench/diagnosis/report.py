@@ -82,7 +82,7 @@ class DoctorReport(Answer):
         errors = [finding for finding in self.findings if finding.severity is Severity.ERROR]
         if errors:
             return Verdict(Word.LOOK_AGAIN, _verdict_sentences(errors))
-        doubts = [f for f in self.findings if self.strict or f.severity is Severity.WARNING]
+        doubts = [finding for finding in self.findings if self.strict or finding.severity is Severity.WARNING]
         if doubts:
             return Verdict(Word.UNSURE, _verdict_sentences(doubts))
         return Verdict(Word.OK)
@@ -121,17 +121,14 @@ class DoctorReport(Answer):
 
     @property
     def paragraphs(self) -> list[list[Finding]]:
-        """Groups of findings of one severity, one check and one kind of repair, worst first.
+        """Groups of findings with equal severity, check and kind of repair, worst first.
 
-        A collective finding, which is about several joints together, is a group of its own.
+        A collective finding, which is about several joints together, is a group by itself.
         """
         groups: dict[tuple[str, str, str, str], list[Finding]] = {}
         for finding in self.findings:
-            repair_kind, own_sentence = "", ""
-            if finding.repair is not None:
-                repair_kind = finding.repair.kind
-            if finding.collective:
-                own_sentence = finding.sentence
+            repair_kind = "" if finding.repair is None else finding.repair.kind
+            own_sentence = finding.sentence if finding.collective else ""
             key = (str(finding.severity), finding.check, repair_kind, own_sentence)
             groups.setdefault(key, []).append(finding)
         return list(groups.values())
@@ -140,7 +137,7 @@ class DoctorReport(Answer):
     def effect(self) -> Effect:
         """Combined effect of all repairs."""
         inertias: dict[str, SpatialInertia] = {}
-        for finding in reversed(self.findings):  # the worst finding determines a link
+        for finding in reversed(self.findings):  # later repairs replace earlier ones, so the worst finding counts
             if finding.repair is not None:
                 inertias |= finding.repair.inertias
         if not inertias:
@@ -158,7 +155,7 @@ class DoctorReport(Answer):
         return ", ".join(texts)
 
     def exit_code(self, *, strict: bool = False) -> ExitCode:
-        """Exit code of a command that prints the report: 1 for errors or warnings; also for notes if they count.
+        """Exit code of a command that prints the report: 1 for errors or warnings, and for notes if they count.
 
         Parameters
         ----------
@@ -168,10 +165,10 @@ class DoctorReport(Answer):
         -------
         code : ExitCode
         """
-        counted = self.findings
+        counted_findings = list(self.findings)
         if not (strict or self.strict):
-            counted = tuple(finding for finding in self.findings if finding.severity is not Severity.NOTE)
-        return ExitCode.NO if counted else ExitCode.FINE
+            counted_findings = [finding for finding in self.findings if finding.severity is not Severity.NOTE]
+        return ExitCode.NO if counted_findings else ExitCode.FINE
 
     def to_dict(self) -> dict[str, Any]:
         """Data of the answer in SI units; each group of :attr:`paragraphs` is one entry, with all its ``places``.
@@ -180,12 +177,12 @@ class DoctorReport(Answer):
         -------
         report : dict, which ``json.dumps`` accepts
         """
-        findings = []
+        groups = []
         for group in self.paragraphs:
             places = list(map(_finding_data, group))
-            worst = places[0]
-            findings.append({**worst, "places": places})
-        return {**super().to_dict(), "source": self.source, "checks": list(self.checks), "findings": findings}
+            worst_place = places[0]
+            groups.append({**worst_place, "places": places})
+        return {**super().to_dict(), "source": self.source, "checks": list(self.checks), "findings": groups}
 
     @property
     def repairs(self) -> tuple[Finding, ...]:
@@ -194,18 +191,18 @@ class DoctorReport(Answer):
         These are errors, warnings, impossible tensors, and links to be mirrored if a side is given, provided that the file
         contains the numbers. If several findings change the same number, only the worst of them is included.
         """
-        findings: list[Finding] = []
+        repaired_findings: list[Finding] = []
         edited_places: set[Place] = set()
-        for finding in self.findings:
+        for finding in self.findings:  # worst first
             if finding.repair is None or not finding.repair.edits:
                 continue
             if finding.severity is Severity.NOTE and finding.check not in CHECKS_REPAIRED_AS_NOTES:
                 continue
             places = {edit.place for edit in finding.repair.edits}
-            if not places & edited_places:
-                findings.append(finding)
+            if places.isdisjoint(edited_places):
+                repaired_findings.append(finding)
                 edited_places |= places
-        return tuple(findings)
+        return tuple(repaired_findings)
 
     def repaired_text(self) -> str:
         """Text of the repaired file: only the affected numbers change, with a comment before each element.
@@ -221,13 +218,14 @@ class DoctorReport(Answer):
         """
         if not self.contents.text:
             raise ValueRangeError(f"robot {self.robot!r} was not read from a file, so there is none to edit.")
-        edits = []
+        edits_with_comments = []
         for finding in self.repairs:
-            if finding.repair is not None:
-                edits += [(edit, finding.repair.sentence) for edit in finding.repair.edits]
-        if not edits:
+            repair = finding.repair
+            if repair is not None:
+                edits_with_comments += [(edit, repair.sentence) for edit in repair.edits]
+        if not edits_with_comments:
             return self.contents.text
-        return apply_edits(self.contents.text, edits)
+        return apply_edits(self.contents.text, edits_with_comments)
 
     def repaired(self) -> Robot:
         """Robot of the repaired file.
@@ -263,15 +261,15 @@ class DoctorReport(Answer):
         """
         text = self.repaired_text()
         target = refuse_existing(path, overwrite=overwrite)
-        with replacing(target) as scratch:
-            scratch.write_bytes(encode_as(text, self.contents.data))
+        with replacing(target) as temporary_file:
+            temporary_file.write_bytes(encode_as(text, self.contents.data))  # with the encoding of the original
         return self.repairs
 
 
 def _verdict_sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
     """Place and sentence of each finding, without repetitions."""
     sentences = [f"{finding.where}: {finding.sentence}".rstrip(".") for finding in findings]
-    return tuple(dict.fromkeys(sentences))
+    return tuple(dict.fromkeys(sentences))  # each once, in their order
 
 
 def _finding_data(finding: Finding) -> dict[str, Any]:
@@ -404,9 +402,10 @@ def _source_text(subject: Subject) -> str:
 
 
 def _rank(finding: Finding) -> tuple[int, float]:
-    """Order of the report: by severity, then by effect."""
+    """Sort key of the report: by severity, worst first, then by effect, largest first."""
     effect = finding.effect
-    return list(Severity).index(finding.severity), -max(effect.inertia_percent, effect.effort_percent)
+    severity_rank = list(Severity).index(finding.severity)
+    return severity_rank, -max(effect.inertia_percent, effect.effort_percent)
 
 
 complete(globals())  # docstrings get the entries of arguments that several functions share

@@ -30,7 +30,7 @@ IN_MJCF = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 def tensor_of(entry: Callable[[str], float]) -> Array:
-    """Symmetric tensor (3, 3) from its entries by name."""
+    """Symmetric tensor (3, 3); ``entry`` returns the entry of a name in :data:`ENTRIES`."""
     I = np.zeros((3, 3))
     for name, (i, j) in ENTRIES.items():
         I[i, j] = I[j, i] = entry(name)
@@ -55,7 +55,11 @@ NO_LIMIT = 1e15
 _ZEROS = [0.0, 0.0, 0.0]
 """Default of a position and of roll, pitch and yaw."""
 _MAX_LENGTH_ERROR = 1e-3
-"""Largest difference of a quaternion's length from 1 that is rounding, and is normalised."""
+"""Largest difference of a quaternion's length from 1 that counts as rounding; the quaternion is then normalised."""
+_MIN_SINE = 1e-10
+"""Sine of the angle between two unit vectors below which they count as parallel or opposite."""
+_MIN_LENGTH = 1e-14
+"""Length up to which a vector has no direction."""
 
 
 def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> ModelBuilder:
@@ -66,7 +70,8 @@ def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> M
     Raises :class:`~twistwrench.RobotFileError` with element and line for violations of the format, and the errors of
     :class:`~twistwrench.mechanics.model.builder.ModelBuilder` for inconsistent robots.
     """
-    builder = ModelBuilder(robot.attributes.get("name", "").strip() or "robot", source)
+    name = robot.attributes.get("name", "").strip()
+    builder = ModelBuilder(name or "robot", source)
     for link in robot.all("link"):
         add_link(builder, link, snap)
     for joint in robot.all("joint"):
@@ -116,8 +121,8 @@ def _pose(origin: Element | None) -> Array:
     if "quat_xyzw" in origin.attributes:
         return pose_rows(_rows_of_quaternion(origin), p)
     rpy = origin.values("rpy", 3) if "rpy" in origin.attributes else _ZEROS
-    if not any(rpy):  # exactly the identity
-        return pose_rows(UPRIGHT, p)
+    if not any(rpy):
+        return pose_rows(UPRIGHT, p)  # exactly the identity, without -0.0
     return pose_rows(_rows_of_rpy(rpy), p)
 
 
@@ -128,8 +133,9 @@ def _rows_of_quaternion(origin: Element) -> list[list[float]]:
     x, y, z, w = origin.values("quat_xyzw", 4)
     length = math.hypot(x, y, z, w)
     if abs(length - 1.0) > _MAX_LENGTH_ERROR:
+        text = shorten(origin.attributes["quat_xyzw"])
         raise RobotFileError(
-            f'{origin} has quat_xyzw="{shorten(origin.attributes["quat_xyzw"])}" of length {printed(length)}; a rotation has '
+            f'{origin} has quat_xyzw="{text}" of length {printed(length)}; a rotation has '
             "length 1. Divide the four numbers by their length, or check that they stand in the order x y z w."
         )
     return quaternion.rotation([w, x, y, z]).tolist()
@@ -142,7 +148,8 @@ def rotation_of_rpy(rpy: ArrayLike) -> Array:
 
 def _rows_of_rpy(rpy: ArrayLike) -> list[list[float]]:
     """Rotation matrix, row by row, of roll, pitch and yaw."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy).tolist(), np.cos(rpy).tolist()
+    sr, sp, sy = np.sin(rpy).tolist()
+    cr, cp, cy = np.cos(rpy).tolist()
     return [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
@@ -166,10 +173,10 @@ def rotation_of_z_axis_to(vector: Array) -> Array:
     axis = np.array([-vector[1], vector[0], 0.0])  # z × vector
     cosine = float(vector[2])
     sine = float(np.linalg.norm(axis))
-    if sine < 1e-10:
+    if sine < _MIN_SINE:
         if cosine > 0:
             return np.eye(3)
-        return np.diag([1.0, -1.0, -1.0])
+        return np.diag([1.0, -1.0, -1.0])  # half a turn about x
     angle = math.atan2(sine, cosine)
     return np.asarray(so3.exp(axis / sine * angle))
 
@@ -178,14 +185,15 @@ def direction(element: Element, attribute: str, vector: object) -> Array:
     """Normalised vector; for a zero vector, an error that names the element and its attribute."""
     array = np.asarray(vector, float)
     length = float(np.linalg.norm(array))
-    if not length > 1e-14:  # nan too
+    if not length > _MIN_LENGTH:  # nan too
         raise element.error(f"has {attribute}={element.attributes.get(attribute, '')!r}, which is not a direction.")
     return array / length
 
 
 def add_joint(builder: ModelBuilder, joint: Element) -> None:
     """Add one ``<joint>``; raises the errors of :func:`read_urdf`."""
-    name, kind = joint.text("name"), joint.text("type")
+    name = joint.text("name")
+    kind = joint.text("type")
     if kind not in _URDF_TYPES:
         raise joint.error(
             f"has the unknown type {kind!r}. Allowed: {', '.join(_URDF_TYPES)}. A ball joint can be written as "
@@ -194,7 +202,7 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
     parent = joint.require_child("parent", '<parent link="base"/>').text("link")
     child = joint.require_child("child", '<child link="arm"/>').text("link")
     if kind == "fixed" and parent == "world":
-        builder.mount()
+        builder.mount()  # states that the base is fixed
     options: dict[str, Any] = {"placement": origin_of(joint), "axis": (1.0, 0.0, 0.0), "where": f"line {joint.line}"}
     if kind != "fixed":  # a fixed joint has no use for the other elements
         axis_element = joint.child("axis")
@@ -226,7 +234,7 @@ def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, Any]:
 
 
 _LIMIT_SIGNS = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "effort": 1.0} | dict.fromkeys(LIMITS_OF_1_2, 1.0)
-"""Sign of infinity that means no limit, by name of the limit."""
+"""Sign of the infinity that means no limit, by name of the limit."""
 
 
 def known_limits(**limits: float | None) -> dict[str, Any]:
@@ -253,7 +261,7 @@ def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
             f"is left out, so its loop stays open: it needs a name, parent, child and a type of {', '.join(_CONSTRAINED_ROWS)}",
         )
         return
-    R = np.eye(3)  # from the axes of an origin to axes with z along the joint axis
+    R = np.eye(3)  # columns: axes of a frame with z along the joint axis, in the axes of an origin
     if kind in ("revolute", "prismatic"):
         axis_element = constraint.child("parent_axis")
         axis = np.array([1.0, 0.0, 0.0])
@@ -265,13 +273,14 @@ def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
         origin = constraint.child(f"{end}_origin")
         T = _pose(origin) @ se3.pose(R, (0, 0, 0))
         sites.append(builder.add_site(f"{name}:{link}", link, T, constraint.place))
-    a, b = sites
-    builder.add_closure(name, OfferedClosure(a, b, _CONSTRAINED_ROWS[kind]))
-    builder.remark(f"{constraint} is left open: robot.close({a!r}, {b!r}, {_CONSTRAINED_ROWS[kind]!r}) closes it")
+    parent_site, child_site = sites
+    rows = _CONSTRAINED_ROWS[kind]
+    builder.add_closure(name, OfferedClosure(parent_site, child_site, rows))
+    builder.remark(f"{constraint} is left open: robot.close({parent_site!r}, {child_site!r}, {rows!r}) closes it")
 
 
 def _link_of(end: Element | None) -> str:
-    """Name of the link at one end of a constraint; empty without one."""
+    """Name of the link at one end of a constraint; empty if the end or its link is missing."""
     if end is None:
         return ""
     return end.attributes.get("link", "").strip()
@@ -285,4 +294,5 @@ def _mimic(joint: Element) -> Mimic | None:
     ratio = mimic.optional_number("multiplier")
     if ratio is None:
         ratio = 1.0
-    return mimic.text("joint"), ratio, mimic.optional_number("offset") or 0.0
+    offset = mimic.optional_number("offset") or 0.0
+    return mimic.text("joint"), ratio, offset

@@ -16,13 +16,15 @@ from ..core.third_party import third_party_errors
 from ..core.typing import Array
 
 _NUMBER_PATTERN = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
+"""Decimal number; possessive quantifiers, so that a long text that does not match fails at once."""
 _NUMBER = re.compile(_NUMBER_PATTERN)
 _NUMBERS = re.compile(rf"{_NUMBER_PATTERN}(?:\s++{_NUMBER_PATTERN})*+")
-_MAX_NUMBER = 1e60  # far above realistic values; products of five such numbers are still finite
-_MIN_CHARACTERS_OF_LARGE = 60
-"""Texts with fewer characters and no exponent cannot contain numbers above ``_MAX_NUMBER``."""
+_MAX_NUMBER = 1e60
+"""Largest number in a file: far above realistic values, and products of five such numbers are still finite."""
+_MIN_LENGTH_OF_LARGE = 60
+"""Number of characters below which a text without exponents cannot contain a number above ``_MAX_NUMBER``."""
 _NAMING_ATTRIBUTES = {"name", "reference"}
-"""Attributes that name an element in messages; those of Gazebo have the link or joint as ``reference``."""
+"""Attributes that name an element in messages; elements of Gazebo name their link or joint as ``reference``."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Element:
 
     @property
     def place(self) -> str:
-        """Position for messages: ``line 12`` or ``common/parts.xml, line 12``; empty if not from a file."""
+        """Line for messages, ``line 12`` or ``common/parts.xml, line 12``; empty if the element is not from a file."""
         if self.file:
             return f"{self.file}, line {self.line}"
         return f"line {self.line}" if self.line else ""
@@ -121,6 +123,7 @@ class Element:
         return child
 
     def _error_for_several(self, tag: str) -> RobotFileError:
+        """Error for several children with a tag of which one is allowed."""
         children = self.all(tag)
         lines = listed(element.line for element in children)
         return self.error(f"has {len(children)} <{tag}> elements (lines {lines}); one is allowed. Remove the others.")
@@ -165,14 +168,14 @@ class Element:
         return values
 
     def floats(self, attribute: str, default: Sequence[float]) -> list[float]:
-        """Attribute as finite numbers, at most as many as in ``default``, from which missing ones at the end are taken."""
+        """Attribute as finite numbers, at most as many as in ``default``, whose last entries replace missing ones."""
         if attribute not in self.attributes:
             return list(default)
         values = self._numbers(attribute, self.attributes[attribute].strip())
         if len(values) > len(default):
+            text = shorten(self.attributes[attribute].strip())
             raise RobotFileError(
-                f'{self} has {attribute}="{shorten(self.attributes[attribute].strip())}": {len(values)} numbers, expected at '
-                f"most {len(default)}."
+                f'{self} has {attribute}="{text}": {len(values)} numbers, expected at most {len(default)}.'
             )
         return values + list(default[len(values) :])
 
@@ -198,29 +201,34 @@ class Element:
         return copy
 
     def _numbers(self, attribute: str, text: str) -> list[float]:
+        """Finite numbers of an attribute's text, separated by blanks."""
         if _NUMBERS.fullmatch(text):
             values = list(map(float, text.split()))
-            surely_small = len(text) < _MIN_CHARACTERS_OF_LARGE and "e" not in text and "E" not in text
+            surely_small = len(text) < _MIN_LENGTH_OF_LARGE and "e" not in text and "E" not in text
             if surely_small or max(map(abs, values)) <= _MAX_NUMBER:
                 return values
         return [self._parse_number(attribute, word) for word in text.split()]  # raises an error for the invalid word
 
     def _parse_number(self, attribute: str, word: str) -> float:
+        """Finite number of one word of an attribute; raises an error that says what is wrong with the word."""
         value = None
         if _NUMBER.fullmatch(word):
             value = float(word)
         if value is not None and abs(value) <= _MAX_NUMBER:
             return value
-        shown = repr(shorten(word))
+        quoted_word = repr(shorten(word))
         if value is not None:
-            problem = f"{shown} is too large to be meant. Write a finite number in SI units"
+            problem = f"{quoted_word} is too large to be meant. Write a finite number in SI units"
         elif word.lower().lstrip("+-").startswith(("nan", "inf")):
-            problem = f"{shown} is not a finite number. Write a finite one, or leave the attribute out"
+            problem = f"{quoted_word} is not a finite number. Write a finite one, or leave the attribute out"
         elif "," in word:
-            problem = f"{shown} is not a number. Write a decimal point, as in 0.5, and blanks between numbers"
+            problem = f"{quoted_word} is not a number. Write a decimal point, as in 0.5, and blanks between numbers"
         else:
-            problem = f"{shown} is not a number. Write digits with one decimal point at most, as in 0.5 or -1.2e-3"
-        raise RobotFileError(f'{self} has {attribute}="{shorten(self.attributes[attribute].strip())}": {problem}.')
+            problem = (
+                f"{quoted_word} is not a number. Write digits with one decimal point at most, as in 0.5 or -1.2e-3"
+            )
+        text = shorten(self.attributes[attribute].strip())
+        raise RobotFileError(f'{self} has {attribute}="{text}": {problem}.')
 
 
 BLANK = "\ufeff \t\r\n"
@@ -233,15 +241,16 @@ MOST_BODIES = 20_000
 """Default of ``max_bodies``, the largest number of links or bodies of a file."""
 
 _BODY_TAGS = ("link", "body")
+"""Elements of which at most ``max_bodies`` are allowed."""
 _BODY_PART_TAGS = ("frame", "geom", "site")
-"""Elements whose allowed number is at least MOST_BODIES, even if ``max_bodies`` is smaller: a body may have many."""
+"""Elements of which at least MOST_BODIES are allowed, even if ``max_bodies`` is smaller: a body may have many."""
 _MAX_ELEMENTS_PER_BODY = 50
-"""Largest number of elements per allowed body."""
+"""Largest number of elements of a file for each body that is allowed."""
 
 _ROOTS_WITHOUT_TEXT = ("robot", "mujoco", "mujocoinclude")
 """Root elements of formats that use only attributes. Text below them is skipped to save time."""
 _TAGS_WITH_TEXT = ("gazebo", "gravity", "kinematic")
-"""Elements of Gazebo in URDF. From the first of them on, text is no longer skipped."""
+"""Elements of Gazebo in URDF, which have text: from the first of them on, text is no longer skipped."""
 
 _MAX_DEPTH_WITHOUT_BODIES = 1_000
 """Largest depth of nested elements, not counting nested bodies."""
@@ -273,13 +282,14 @@ class _TreeMaker:
         self.skipped_lines = skipped_lines
         self.file = file
         self.max_bodies = max_bodies
-        self.counts: dict[str, int] = dict.fromkeys((*_BODY_TAGS, *_BODY_PART_TAGS), 0)
+        self.counts: dict[str, int] = dict.fromkeys((*_BODY_TAGS, *_BODY_PART_TAGS), 0)  # elements so far, by tag
         self.root: Element | None = None
         self._open_elements: list[Element] = []
         """Elements that have begun and not ended, from the root down."""
         self._element_count = 0
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
+        """Begin an element; raises for too many bodies and too deep nesting."""
         open_elements = self._open_elements
         parent = open_elements[-1] if open_elements else None
         line = self.parser.CurrentLineNumber + self.skipped_lines
@@ -288,17 +298,19 @@ class _TreeMaker:
         if name in self.counts:
             self.counts[name] += 1
             if name in _BODY_TAGS:
-                kind, max_count = "bodies", self.max_bodies
+                kind = "bodies"
+                max_count = self.max_bodies
             else:
-                kind, max_count = f"<{name}> elements", max(self.max_bodies, MOST_BODIES)
+                kind = f"<{name}> elements"
+                max_count = max(self.max_bodies, MOST_BODIES)
             if self.counts[name] > max_count:
                 raise RobotFileError(
                     f"it has more than {max_count:,} {kind} ({element.place}). Raise the limit, max_bodies=, if that is meant."
                 )
         elif name in _TAGS_WITH_TEXT:
             self.parser.CharacterDataHandler = self._text
-        if len(open_elements) > self.max_bodies + _MAX_DEPTH_WITHOUT_BODIES:
-            max_depth = self.max_bodies + _MAX_DEPTH_WITHOUT_BODIES
+        max_depth = self.max_bodies + _MAX_DEPTH_WITHOUT_BODIES
+        if len(open_elements) > max_depth:
             raise RobotFileError(f"its elements lie more than {max_depth:,} deep in each other ({element.place}).")
         if parent is None:
             self.root = element
@@ -316,11 +328,12 @@ class _TreeMaker:
             self._open_elements[-1].content += text
 
     def _entity(self, name: str, *_: Any) -> None:
-        raise _ForbiddenDeclaration(
-            f"line {self.parser.CurrentLineNumber + self.skipped_lines}: it declares the entity {name!r}"
-        )
+        """Refuse the declaration of an entity."""
+        line = self.parser.CurrentLineNumber + self.skipped_lines
+        raise _ForbiddenDeclaration(f"line {line}: it declares the entity {name!r}")
 
     def _doctype(self, _name: str, system: str | None, _public: str | None, _internal: bool) -> None:
+        """Refuse a document type from another document."""
         if system is not None:
             line = self.parser.CurrentLineNumber + self.skipped_lines
             raise _ForbiddenDeclaration(f"line {line}: it points to another document, {system!r}")
@@ -333,7 +346,7 @@ class _TreeMaker:
             try:
                 self.parser.Parse(text, True)
             except ExpatError as error:
-                problem = str(error).partition(":")[0]  # without expat's line and column
+                problem, _, _ = str(error).partition(":")  # without expat's line and column
                 raise RobotFileError(
                     f"line {error.lineno + self.skipped_lines}, column {error.offset}: it is not well-formed XML: {problem}. "
                     "Correct that line; every element that opens must close."
@@ -367,7 +380,8 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
         raise RobotFileError(
             f"it is not XML: it begins with {body[:20]!r}, not with '<'. Pass a robot description, such as URDF."
         )
-    skipped_lines = text[: len(text) - len(body)].count("\n")
+    blanks = text[: len(text) - len(body)]
+    skipped_lines = blanks.count("\n")
     body = without_loose_declaration(body)
     max_elements = _MAX_ELEMENTS_PER_BODY * max(max_bodies, MOST_BODIES)
     element_count = body.count("<") - body.count("</")  # about: comments count too
@@ -384,6 +398,10 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
 
 
 _CHARACTER_NOT_ALLOWED = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+_MAX_INDENT_DEPTH = 60
+"""Depth of an element beyond which its line is not indented further."""
+_MAX_QUOTE_LENGTH = 100
+"""Number of characters of a line in a message."""
 
 
 def new(tag: str, parent: Element | None = None, text: str = "", /, **attributes: str) -> Element:
@@ -405,6 +423,7 @@ def exact(values: ArrayLike) -> str:
 
 
 def _figure(number: float) -> str:
+    """Number with the fewest digits that give the same double."""
     if number.is_integer() and abs(number) < 1e15:  # 1e15 and more are shorter with an exponent
         return str(int(number))
     return repr(number)
@@ -419,26 +438,26 @@ def xml_text(root: Element) -> str:
     stack: list[tuple[Element | None, str, int]] = [(root, "", 0)]
     while stack:
         element, closing_tag, depth = stack.pop()
-        pad = "  " * min(depth, 60)
+        indent = "  " * min(depth, _MAX_INDENT_DEPTH)
         if element is None:
-            lines.append(f"{pad}{closing_tag}")
+            lines.append(f"{indent}{closing_tag}")
             continue
         attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
         if element.children:
-            lines.append(f"{pad}<{element.tag}{attributes}>")
+            lines.append(f"{indent}<{element.tag}{attributes}>")
             stack.append((None, f"</{element.tag}>", depth))
             stack.extend((child, "", depth + 1) for child in reversed(element.children))
         elif element.content:
-            lines.append(f"{pad}<{element.tag}{attributes}>{escape(element.content)}</{element.tag}>")
+            lines.append(f"{indent}<{element.tag}{attributes}>{escape(element.content)}</{element.tag}>")
         else:
-            lines.append(f"{pad}<{element.tag}{attributes}/>")
+            lines.append(f"{indent}<{element.tag}{attributes}/>")
     text = "\n".join(lines) + "\n"
     forbidden = _CHARACTER_NOT_ALLOWED.search(text)
     if forbidden:
-        line_before = text[: forbidden.start()].rpartition("\n")[2]
-        line_after = text[forbidden.start() :].partition("\n")[0]
-        line = line_before + line_after
+        _, _, line_before = text[: forbidden.start()].rpartition("\n")
+        line_after, _, _ = text[forbidden.start() :].partition("\n")
+        line = (line_before + line_after).strip()
         raise ModelError(
-            f"no XML file can hold the character {forbidden[0]!r}, which is in {line.strip()[:100]!r}. Rename that."
+            f"no XML file can hold the character {forbidden[0]!r}, which is in {line[:_MAX_QUOTE_LENGTH]!r}. Rename that."
         )
     return text

@@ -20,8 +20,9 @@ from .checks import pose
 MAX_CACHED_CHAINS = 64
 """Maximum number of cached sets of lists (least recently used are dropped). Machine code remains cached on disk."""
 LISTS = ("Mlist", "Glist", "Slist", "Blist")
+"""Names of the lists that describe a chain."""
 SIZES = {"g": 3, "Ftip": 6}
-"""Numbers of an input that is not one per joint."""
+"""Number of entries of each input that does not have one entry per joint."""
 _GRAVITY_AND_TIP_WRENCH: dict[str, Any] = {"gravity": "input", "wrenches": True}
 _KERNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "pose": ("forward_kinematics", {}),
@@ -34,14 +35,16 @@ _KERNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "gravity_forces": ("gravity_forces", {"gravity": "input"}),
     "wrench_torques": ("wrench_torques", {}),
 }
-"""Quantities of a chain with their options. Gravity and the tip wrench are inputs, so new values need no compilation."""
+"""Quantity and options of each kernel of a chain. Gravity and tip wrench are inputs, so new values need no compilation."""
 
 
 class Chain:
     """Serial chain with its kernels."""
 
     def __init__(self, robot: Robot) -> None:
-        self.robot, self.n = robot, robot.nv
+        self.robot = robot
+        self.n = robot.nv
+        """Number of joints."""
         self._kernels: dict[str, np.ufunc] = {}
 
     def kernel(self, name: str) -> np.ufunc:
@@ -77,39 +80,42 @@ class Chain:
 
 
 def chain_of(Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Chain:
-    """Chain from the book's lists: n + 1 poses, n inertias, n screw columns. Impossible inertias are accepted.
+    """Chain from the book's lists: n + 1 poses, n inertias, n screws in columns. Impossible inertias are accepted.
 
     Raises ShapeError for inconsistent lists, ModelError and InertiaError if they do not describe a robot.
     """
     poses = np.ascontiguousarray(arguments.real(Mlist, "Mlist"), float)
     inertias = np.ascontiguousarray(arguments.real(Glist, "Glist"), float)
     screws = np.ascontiguousarray(arguments.real(Slist, "Slist"), float)
-    shapes = poses.shape, inertias.shape, screws.shape
+    shapes = (poses.shape, inertias.shape, screws.shape)
     return _cached_chain(poses.tobytes(), inertias.tobytes(), screws.tobytes(), shapes)
 
 
 def screws_of(screws: ArrayLike, name: str) -> Chain:
-    """Chain from screws only: every link frame is {s} at zero, so space screws and body screws have equal coordinates."""
+    """Chain from screws only. Every link frame is {s} at zero, so space screws and body screws have equal coordinates."""
     S = np.ascontiguousarray(arguments.real(screws, name), float)
     if S.ndim != 2 or S.shape[0] != 6 or S.shape[1] == 0:
         raise ShapeError(f"{name} has shape {S.shape}, expected (6, n): a screw axis (omega, v) in each column.")
     n = S.shape[1]
     zero_inertias = bytes(_INERTIA_BYTES * n)
-    shapes = (n + 1, 4, 4), (n, 6, 6), S.shape
-    return _cached_chain(_HOME_BYTES * (n + 1), zero_inertias, S.tobytes(), shapes)
+    shapes = ((n + 1, 4, 4), (n, 6, 6), S.shape)
+    identity_poses = _IDENTITY_BYTES * (n + 1)
+    return _cached_chain(identity_poses, zero_inertias, S.tobytes(), shapes)
 
 
-_HOME_BYTES = np.eye(4).tobytes()
+_IDENTITY_BYTES = np.eye(4).tobytes()
 _INERTIA_BYTES = 6 * 6 * 8
+"""Size of a matrix (6, 6) of float64 [bytes]."""
 Shape = tuple[int, ...]
 
 
 @lru_cache(maxsize=MAX_CACHED_CHAINS)
 def _cached_chain(poses: bytes, inertias: bytes, screws: bytes, shapes: tuple[Shape, Shape, Shape]) -> Chain:
-    """Chain of the lists' bytes, which are the key of the cache, and their shapes."""
-    Mlist = np.frombuffer(poses).reshape(shapes[0])
-    Glist = np.frombuffer(inertias).reshape(shapes[1])
-    Slist = np.frombuffer(screws).reshape(shapes[2])
+    """Chain from the bytes of the lists and their shapes; both are the key of the cache."""
+    pose_shape, inertia_shape, screw_shape = shapes
+    Mlist = np.frombuffer(poses).reshape(pose_shape)
+    Glist = np.frombuffer(inertias).reshape(inertia_shape)
+    Slist = np.frombuffer(screws).reshape(screw_shape)
     if Mlist.ndim == 3 and Mlist.shape[1:] == (4, 4):
         Mlist = np.array([pose(T, f"Mlist[{i}]") for i, T in enumerate(Mlist)])
     return Chain(from_screws(None, Slist, Mlist, Glist, name="lists", non_unit_screws=True, inertia="accept"))

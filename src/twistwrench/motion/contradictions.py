@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 _MAX_REACH_RATIO = 3.0
-"""Multiple of the reach of a joint's limits, or of a full turn, above which the unit is another."""
+"""Multiple of the reach of a joint's limits above which the unit is another, if the angle is also above a full turn."""
 _MANY_TURNS = 4 * math.pi
 """Angle [rad] above which the unit may be another."""
 _REACH_TOLERANCE = 1.1
@@ -34,10 +34,13 @@ _REACH_TOLERANCE = 1.1
 _FULL_TURN = math.tau
 """Angle [rad] that no joint with limits exceeds."""
 _SURE_MOVE = 0.3
-"""Range of angles [rad] that a moving joint certainly exceeds."""
+"""Range of angles that a moving joint certainly exceeds [rad]."""
 _MIN_JOINTS_IN_DEGREES = 3
 """Minimum number of joints that indicates a wrong unit: three joints rarely all stay within six degrees of zero."""
 _DEGREE = math.radians(1.0)
+"""Radians in a degree."""
+_MAX_LISTED_JOINTS = 6
+"""Number of joints that a message names."""
 
 
 def angle_doubts(
@@ -54,21 +57,24 @@ def angle_doubts(
     infinite if there are none; ``factor``: from the file's numbers to radians; ``is_stated``: the file states this
     unit; ``origin``: plan, log or either.
     """
+    lower, upper = limits
     largest_angle = np.abs(extent).max(axis=0)
-    reach = np.maximum(np.abs(limits[0]), np.abs(limits[1]))
+    reach = np.maximum(np.abs(lower), np.abs(upper))  # largest angle within the limits
     is_in_radians = (factor == 1.0) & ~is_stated
     is_in_degrees = (factor == _DEGREE) & ~is_stated
     has_limits = np.isfinite(reach) & (reach > 0) & is_in_radians
-    allowed_angle = _MAX_REACH_RATIO * np.maximum(np.where(has_limits, reach, 1.0), _FULL_TURN / _MAX_REACH_RATIO)
+    known_reach = np.where(has_limits, reach, 1.0)
+    allowed_angle = _MAX_REACH_RATIO * np.maximum(known_reach, _FULL_TURN / _MAX_REACH_RATIO)
     is_far = has_limits & (largest_angle > allowed_angle)
     has_many_turns = largest_angle > _MANY_TURNS
     half_are_far = is_far.any() and 2 * is_far.sum() >= has_limits.sum()
-    if half_are_far and 2 * (is_far & has_many_turns).sum() > is_far.sum():
+    most_of_them_turn_often = 2 * (is_far & has_many_turns).sum() > is_far.sum()
+    if half_are_far and most_of_them_turn_often:
         return [_too_far(names, largest_angle, limits, reach, is_far)]
     stop_doubts = _stop_doubts(names, extent, limits, is_in_radians, origin)
     if stop_doubts:
         return stop_doubts
-    written_angle = largest_angle / factor
+    written_angle = largest_angle / factor  # number in the file
     moves = np.ptp(extent, axis=0) / factor > _SURE_MOVE
     are_small = is_in_degrees.any() and (written_angle[is_in_degrees] <= _FULL_TURN).all()
     seem_radians = are_small and moves[is_in_degrees].any()
@@ -88,19 +94,21 @@ def angle_doubts(
 _BEYOND_STOP = math.radians(20.0)
 """Angle beyond a stop that play, elasticity and the tolerance of a stop do not explain."""
 _METRES_PER_MILLIMETRE = 1e-3
+_STROKE_TOLERANCE = 0.1
+"""Share of the stroke by which a position read as millimetres may lie beyond a stop."""
 _MANY_STROKES = 10.0
-"""Strokes beyond a stop from which a position is in millimetres, as it is then at least 1 % of the stroke in metres.
+"""Number of strokes beyond a stop from which a position is in millimetres: it is then at least 1 % of the stroke in metres.
 
-Nearer positions are those of another zero.
+Nearer positions have another zero.
 """
 
 
 def _stop_doubts(
     names: Sequence[str], extent: Array, limits: tuple[Array, Array], is_in_radians: Array, origin: str
 ) -> list[Doubt]:
-    """Doubt about angles far beyond the stops of joints that have two, or about joints that are wound by a turn.
+    """Doubt about angles far beyond the stops of joints with two stops, or about joints that are wound by a turn.
 
-    Only joints in the mask ``is_in_radians`` are checked.
+    Only joints for which ``is_in_radians`` is True are checked.
     """
     lower, upper = limits
     has_stops = is_in_radians & np.isfinite(lower) & np.isfinite(upper) & (upper > lower)
@@ -118,7 +126,7 @@ def _stop_doubts(
     if not is_unexplained.any():
         joints = names_of(names, is_beyond)
         level: Level = "note" if origin == "log" else "unsure"
-        return [doubt("wound", joints, joints_=listed(joints, 6), level=level)]
+        return [doubt("wound", joints, joints_=listed(joints, _MAX_LISTED_JOINTS), level=level)]
     joints = names_of(names, is_unexplained)
     words = _stop_words(names, extent, limits, excess)
     words |= {"past": f"{printed(math.degrees(excess.max()), 3)} degrees", "unit": "rad"}
@@ -137,7 +145,8 @@ def length_doubts(names: Sequence[str], extent: Array, limits: tuple[Array, Arra
     if origin == "plan" or not is_beyond.any():
         return []
     least, largest = extent * _METRES_PER_MILLIMETRE
-    is_inside_as_millimetres = ~has_stops | ((least >= lower - 0.1 * stroke) & (largest <= upper + 0.1 * stroke))
+    margin = _STROKE_TOLERANCE * stroke
+    is_inside_as_millimetres = ~has_stops | ((least >= lower - margin) & (largest <= upper + margin))
     words = _stop_words(names, extent, limits, excess)
     words |= {"past": f"{printed(excess.max(), 3)} m", "unit": "m"}
     is_far_beyond = (excess[is_beyond] > _MANY_STROKES * stroke[is_beyond]).any()
@@ -148,27 +157,31 @@ def length_doubts(names: Sequence[str], extent: Array, limits: tuple[Array, Arra
 
 
 def names_of(names: Sequence[str], mask: Array) -> list[str]:
-    """Names of the joints in a mask (k,)."""
+    """Names of the joints for which a mask (k,) is True."""
     return [names[k] for k in np.flatnonzero(mask).tolist()]
 
 
 def _stop_words(names: Sequence[str], extent: Array, limits: tuple[Array, Array], excess: Array) -> dict[str, Any]:
-    """Name, farthest position and stops of the joint that is farthest beyond."""
+    """Name, farthest position and stops of the joint that is farthest beyond a stop."""
+    lower, upper = limits
     k = int(excess.argmax())
-    farthest = float(extent[:, k][np.abs(extent[:, k]).argmax()])
-    words: dict[str, Any] = {"joint": names[k], "position": printed(farthest, 4)}
-    return words | {"lower": printed(limits[0][k], 3), "upper": printed(limits[1][k], 3)}
+    joint_extent = extent[:, k]
+    farthest_position = float(joint_extent[np.abs(joint_extent).argmax()])
+    words: dict[str, Any] = {"joint": names[k], "position": printed(farthest_position, 4)}
+    return words | {"lower": printed(lower[k], 3), "upper": printed(upper[k], 3)}
 
 
 def _too_far(
     names: Sequence[str], largest_angle: Array, limits: tuple[Array, Array], reach: Array, is_far: Array, **level: Any
 ) -> Doubt:
-    """Doubt about joints in the mask ``is_far`` (k,), whose angles are too large."""
+    """Doubt about joints whose angles are too large, for which ``is_far`` (k,) is True."""
+    lower, upper = limits
     ratios = largest_angle / np.where(np.isfinite(reach), reach, 1.0)
-    k = int(np.flatnonzero(is_far)[ratios[is_far].argmax()])
+    far_joints = np.flatnonzero(is_far)
+    k = int(far_joints[ratios[is_far].argmax()])
     limit_text = ""
     if np.isfinite(reach[k]):
-        limit_text = f", and its limits are at {printed(limits[0][k], 3)} and {printed(limits[1][k], 3)}"
+        limit_text = f", and its limits are at {printed(lower[k], 3)} and {printed(upper[k], 3)}"
     others_text = ""
     other_count = int(is_far.sum()) - 1
     if other_count == 1:
@@ -198,10 +211,10 @@ def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: b
         position_glitches = [glitch for glitch in joint_glitches if not glitch.late]
         if not position_glitches:
             continue
-        size = position_glitches[0].size
-        size_text = f"{printed(size, 3)} m"
+        largest_size = position_glitches[0].size
+        size_text = f"{printed(largest_size, 3)} m"
         if glitches.turns[k]:
-            size_text = f"{printed(math.degrees(size), 3)} degrees"
+            size_text = f"{printed(math.degrees(largest_size), 3)} degrees"
         when = _times_text(glitch.time for glitch in position_glitches)
         words = {"joint": names[k], "size": size_text, "when": when}
         doubts.append(_row_doubt("single-row", [names[k]], words, left_out=left_out))
@@ -225,7 +238,7 @@ def _times_text(times: Iterable[float]) -> str:
 
 
 def _row_doubt(kind: str, joints: Sequence[str], words: Mapping[str, Any], *, left_out: bool) -> Doubt:
-    """Doubt of that kind, or a note that its rows are left out."""
+    """Doubt of a kind about some rows; with ``left_out``, a note that these rows are left out."""
     if not left_out:
         return doubt(kind, joints, **words)
     sentence = doubt_table()[kind].sentence.format(**words)
@@ -243,27 +256,28 @@ _NEGLIGIBLE_GAIN = 0.02
 
 
 def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
-    """Text on a column of rates that are ``gain`` times the slope of the ``base``, positions or velocities.
+    """Text on a column of rates that are ``gain`` times the slope of the ``base``: "positions" or "velocities".
 
-    ``per``: suffix of the rate's unit, such as /s.
+    ``per`` is the suffix of the rate's unit, such as /s.
     """
     slope = f"the slope of the {base}"
     causes = {}  # texts of factor and cause by factor
     for factor, unit in _TIME_UNITS.items():
-        causes[factor] = printed(factor), f"time seems to be in {unit}"
-    causes[1e-3] = "1/1000", "time, or the column, seems to be in another unit"
+        causes[factor] = (printed(factor), f"time seems to be in {unit}")
+    causes[1e-3] = ("1/1000", "time, or the column, seems to be in another unit")
     if angular:
         in_degrees = f"it seems to be in deg{per}; name the unit, as in 'JOINT [deg{per}]'"
         base_in_degrees = "the positions seem to be in degrees; name the unit, as in 'JOINT [deg]'"
-        causes[_DEGREES_PER_RADIAN] = "57.3", in_degrees
-        causes[1 / _DEGREES_PER_RADIAN] = "1/57.3", base_in_degrees
+        causes[_DEGREES_PER_RADIAN] = ("57.3", in_degrees)
+        causes[1 / _DEGREES_PER_RADIAN] = ("1/57.3", base_in_degrees)
         if per == "/s":
-            causes[_RPM_PER_RADIAN_PER_SECOND] = "9.55", "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"
+            in_rpm = "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"
+            causes[_RPM_PER_RADIAN_PER_SECOND] = ("9.55", in_rpm)
     else:
-        causes[1e3] = "1000", f"time seems to be in ms, or the column in mm{per}"
-    for factor, (text, reason) in causes.items():
+        causes[1e3] = ("1000", f"time seems to be in ms, or the column in mm{per}")
+    for factor, (factor_text, reason) in causes.items():
         if _is_about(gain, factor):
-            return f"is {text} times {slope}: {reason}"
+            return f"is {factor_text} times {slope}: {reason}"
     if math.isinf(gain):
         return f"moves, and the {base} stand"
     if abs(gain) < _NEGLIGIBLE_GAIN:
@@ -274,12 +288,12 @@ def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
 
 
 def _is_about(gain: float, factor: float) -> bool:
-    """True if a gain is a factor between units."""
+    """True if a gain is near a factor between units."""
     return abs(gain / factor - 1.0) < _FACTOR_TOLERANCE
 
 
 def _is_time_factor(gain: float) -> bool:
-    """True if time in another unit explains a gain."""
+    """True if a gain is near a factor between units of time."""
     return math.isfinite(gain) and any(_is_about(gain, factor) for factor in _TIME_UNITS)
 
 
@@ -290,7 +304,7 @@ Filters and delays reduce the ratio little: measured velocities of real logs hav
 or clock changes it more.
 """
 _OMITTED_TURN_STEPS = (1.5 * math.pi, 2.5 * math.pi)
-"""Range of steps of an angle [rad] that count as a turn omitted by the log, if the log stays within one turn."""
+"""Range of steps of an angle [rad] that count as an omitted turn, if the log stays within one turn."""
 _TURN_TOLERANCE = 0.01 * math.pi
 """Angle [rad] by which a log may leave one turn."""
 TOO_FAST = 3.0
@@ -312,12 +326,29 @@ _MAX_SPEED = 30.0
 """Speed [rad/s, m/s] of a joint without a limit that excludes a unit of time as too fast."""
 _MIN_LOGGING_RATE = 10.0
 """Lowest rate [Hz] of a log whose time may count rows."""
+_MAX_STEP_IN_MS = 500.0
+"""Time step, as a number, below which it is in ms: loggers have steps of some ms."""
+_MAX_STEP_IN_US = 5e5
+"""Time step, as a number, below which it is in us."""
+_MIN_DELAY_RANGE = 5e-4
+"""Range of delays [s] from which both ends are printed; delays are printed in ms."""
 _SLOW_STEP = 0.1
 """Time step [s] from which time may be in ms, if speeds are far below their limits: loggers have 0.1 ms and more."""
 _SLOW_SHARE = 1 / 300
 """Share of the velocity limits below which speeds are too slow for this step: robots are built for their limits."""
 _MAX_SHARE_OF_SPIKES = 0.01
 """Share of rows with spikes from which a doubt is raised."""
+
+
+class _LongStep(NamedTuple):
+    """Step of an angle beyond half a turn."""
+
+    speed: float
+    """Speed of the step [rad/s]."""
+    time: float
+    """Time before the step [s]."""
+    displacement: float
+    """Displacement with its sign [rad]."""
 
 
 class Contradictions:
@@ -339,44 +370,44 @@ class Contradictions:
         """
         coordinate_count = len(coordinates.names)
         self._factor = np.ones(coordinate_count) if angle is None else angle
-        self._stated = np.zeros(coordinate_count, bool) if angle_stated is None else angle_stated
+        self._is_stated = np.zeros(coordinate_count, bool) if angle_stated is None else angle_stated
         self._names = np.array(coordinates.velocity_names, object)
-        self._angular = coordinates.angular_velocity
-        self._single = np.flatnonzero(coordinates.position_of >= 0)
-        """(k,) indices in dq of the checked entries."""
-        self._checked_names = self._names[self._single].tolist()
+        self._is_angular_velocity = coordinates.angular_velocity
+        self._checked = np.flatnonzero(coordinates.position_of >= 0)
+        """(k,) indices in dq of the checked entries: joints with one coordinate."""
+        self._checked_names = self._names[self._checked].tolist()
         """Names of the checked entries."""
-        self.places = coordinates.position_of[self._single]
-        """(k,) indices in q of the checked entries: joints with one coordinate."""
-        self._turns = coordinates.angular[self.places]
+        self.places = coordinates.position_of[self._checked]
+        """(k,) indices in q of the checked entries."""
+        self._is_angle = coordinates.angular[self.places]
         """(k,) True for angles."""
-        self._bounded = self._turns & ~coordinates.endless[self.places]
+        self._is_bounded = self._is_angle & ~coordinates.endless[self.places]
         """(k,) True for angles of joints that do not turn without end."""
         self._time_stated = time_stated
         self.runs = runs
         """Runs of rows, the whole motion or excerpts of a long one."""
-        count = len(self._single)
-        self.glitches = SingleRowGlitches(count, self._turns)
+        count = len(self._checked)
+        self.glitches = SingleRowGlitches(count, self._is_angle)
         """Rows in which a single joint leaves its path."""
         self._range = np.array([[math.inf], [-math.inf]]).repeat(count, axis=1)
         """(2, k) least and largest positions as logged."""
-        self._unwrapped = self._range.copy()
+        self._unwrapped_range = self._range.copy()
         """(2, k) least and largest positions with omitted turns added."""
-        self._turns_added = np.zeros(count)
+        self._added_turns = np.zeros(count)
         """Number of turns that are added to the last position."""
         self._wrap_counts = np.zeros(count, int)
         """Number of steps that may be omitted turns."""
-        self._jumps: dict[int, tuple[float, float, float]] = {}
-        """Fastest step beyond half a turn of each joint: speed, time before, size."""
-        self._wrapped: dict[int, tuple[float, float, float]] = {}
-        """First step of each joint that may be an omitted turn: speed, time before, size."""
+        self._jumps: dict[int, _LongStep] = {}
+        """Fastest step beyond half a turn of each joint, unless it may be an omitted turn."""
+        self._first_wraps: dict[int, _LongStep] = {}
+        """First step of each joint that may be an omitted turn."""
         self._largest_speed = np.zeros(count)
+        """Largest speed, without steps beyond half a turn."""
         self._largest_distance = np.zeros(count)
-        """Largest speed, and largest displacement in a step, without steps beyond half a turn."""
+        """Largest displacement in a step, without steps beyond half a turn."""
         self._median_steps: list[float] = []
         """Median time step of each portion [s]."""
-        self._steps = 0
-        """Number of steps."""
+        self._step_count = 0
         self._counts_rows = may_count_rows
         """True if each step of time is exactly 1, from a whole number on."""
 
@@ -386,34 +417,35 @@ class Contradictions:
         first_for_glitches = max(0, before - OVERLAP)
         self.glitches.add(t[first_for_glitches:], q[first_for_glitches:])
         last_known = max(0, before - 1)  # the last row of the last portion, from which the first new step begins
-        t, q = t[last_known:], q[last_known:]
+        t = t[last_known:]
+        q = q[last_known:]
         h = np.diff(t)
         displacement = np.diff(q, axis=0)
         distance = np.abs(displacement)
         shortest_turn, longest_turn = _OMITTED_TURN_STEPS
-        is_wrap = (distance > shortest_turn) & (distance < longest_turn) & self._bounded
+        is_wrap = (distance > shortest_turn) & (distance < longest_turn) & self._is_bounded
         turns_of_steps = np.where(is_wrap, -np.sign(displacement), 0.0)
-        turns_added = self._turns_added + np.cumsum(np.pad(turns_of_steps, ((1, 0), (0, 0))), axis=0)
-        self._turns_added = turns_added[-1]
+        turns_of_rows = np.pad(turns_of_steps, ((1, 0), (0, 0)))  # the first row adds none
+        added_turns = self._added_turns + np.cumsum(turns_of_rows, axis=0)
+        self._added_turns = added_turns[-1]
         _extend_range(self._range, q)
-        _extend_range(self._unwrapped, q + math.tau * turns_added)
+        _extend_range(self._unwrapped_range, q + math.tau * added_turns)
         if not len(h):
             return
-        self._steps += len(h)
+        self._step_count += len(h)
         self._counts_rows &= bool((h == 1.0).all()) and float(t[0]).is_integer()
         self._median_steps.append(float(np.median(h)))
-        exceeds_half_turn = (distance > math.pi) & self._turns
+        exceeds_half_turn = (distance > math.pi) & self._is_angle
         speed = np.where(exceeds_half_turn, 0.0, distance / h[:, None])
         self._largest_speed = np.maximum(self._largest_speed, speed.max(axis=0))
         distance_within_half_turn = np.where(exceeds_half_turn, 0.0, distance)
         self._largest_distance = np.maximum(self._largest_distance, distance_within_half_turn.max(axis=0))
         self._wrap_counts += is_wrap.sum(axis=0)
-        for row, k in np.argwhere(exceeds_half_turn & self._bounded).tolist():
-            step_speed = float(distance[row, k] / h[row])
-            step = step_speed, float(t[row]), float(displacement[row, k])
+        for row, k in np.argwhere(exceeds_half_turn & self._is_bounded).tolist():
+            step = _LongStep(float(distance[row, k] / h[row]), float(t[row]), float(displacement[row, k]))
             if is_wrap[row, k]:
-                self._wrapped.setdefault(k, step)
-            elif k not in self._jumps or step_speed > self._jumps[k][0]:
+                self._first_wraps.setdefault(k, step)
+            elif k not in self._jumps or step.speed > self._jumps[k].speed:
                 self._jumps[k] = step
 
     def doubts(self, limits: Limits | None = None, *, glitches: bool = True, origin: str = "either") -> list[Doubt]:
@@ -426,7 +458,7 @@ class Contradictions:
             if glitches:
                 doubts += row_doubts(self.glitches, self._checked_names)
         if time_doubts:  # delays have no unit then
-            delays = np.zeros(len(self._single))
+            delays = np.zeros(len(self._checked))
         else:
             delays = self._delays
         doubts += self.rate_doubts(time_doubted=bool(time_doubts), late=delays != 0.0)
@@ -436,36 +468,43 @@ class Contradictions:
         return doubts + self._sampling
 
     def _length_doubts(self, limits: Limits | None, origin: str) -> list[Doubt]:
-        slides = self._single[~self._turns]
-        if limits is None or not slides.size:
+        """Doubts of sliding joints."""
+        is_length = ~self._is_angle
+        sliding_joints = self._checked[is_length]
+        if limits is None or not sliding_joints.size:
             return []
-        stops = limits.lower[slides], limits.upper[slides]
-        return length_doubts(self._names[slides].tolist(), self._range[:, ~self._turns], stops, origin)
+        stops = (limits.lower[sliding_joints], limits.upper[sliding_joints])
+        return length_doubts(self._names[sliding_joints].tolist(), self._range[:, is_length], stops, origin)
 
     def _angle_doubts(self, limits: Limits | None, origin: str) -> list[Doubt]:
-        turns = self._turns
-        places, bounded = self.places[turns], self._bounded[turns]
-        lower, upper = np.full(len(places), -np.inf), np.full(len(places), np.inf)
+        """Doubts of revolute joints."""
+        turning_joints = self._checked[self._is_angle]
+        places = self.places[self._is_angle]
+        is_bounded = self._is_bounded[self._is_angle]
+        lower = np.full(len(places), -np.inf)
+        upper = np.full(len(places), np.inf)
         if limits is not None:
-            bounded_joints = self._single[turns][bounded]
-            lower[bounded], upper[bounded] = limits.lower[bounded_joints], limits.upper[bounded_joints]
-        names = self._names[self._single[turns]].tolist()
-        stated = self._stated[places]
-        return angle_doubts(names, self._range[:, turns], (lower, upper), self._factor[places], stated, origin)
+            bounded_joints = turning_joints[is_bounded]
+            lower[is_bounded] = limits.lower[bounded_joints]
+            upper[is_bounded] = limits.upper[bounded_joints]
+        names = self._names[turning_joints].tolist()
+        extent = self._range[:, self._is_angle]
+        return angle_doubts(names, extent, (lower, upper), self._factor[places], self._is_stated[places], origin)
 
     def time_doubts(self, limits: Limits | None) -> list[Doubt]:
         """Doubt about the unit of time, if time steps are too long for the displacements in them."""
         step = self._usual_step
         is_moving = self._range[1] - self._range[0] > _SOME_MOVE
-        if self._time_stated or self._steps + 1 < _MIN_ROWS or not is_moving.any():
+        row_count = self._step_count + 1
+        if self._time_stated or row_count < _MIN_ROWS or not is_moving.any():
             return []
-        # Loggers have steps of some ms, so that the size of the number shows the unit.
-        if step < 500:
-            unit, units_per_second = "ms", 1e3
-        elif step < 5e5:
-            unit, units_per_second = "us", 1e6
+        if step < _MAX_STEP_IN_MS:
+            units_per_second = 1e3
+        elif step < _MAX_STEP_IN_US:
+            units_per_second = 1e6
         else:
-            unit, units_per_second = "ns", 1e9
+            units_per_second = 1e9
+        unit = _TIME_UNITS[units_per_second]
         if not self._keeps_speed(units_per_second, limits):
             return []  # in that unit the motion would exceed the robot's limits
         velocity_limits = self._velocity_limits(limits)[is_moving]
@@ -473,44 +512,46 @@ class Contradictions:
         if np.isfinite(velocity_limits).all():
             share_of_limits = float((self._largest_speed[is_moving] / velocity_limits).max())
         if step >= _LONG_STEP and self._largest_distance.max(initial=0.0) < _SHORT_MOVE:
-            why = f"within one no joint moves by more than {printed(self._largest_distance.max(), 2)} rad or m"
+            slowness = f"within one no joint moves by more than {printed(self._largest_distance.max(), 2)} rad or m"
         elif step >= _SLOW_STEP and share_of_limits < _SLOW_SHARE:
-            why = f"no joint moves faster than {printed(100 * share_of_limits, 2)} % of its limit of velocity"
+            slowness = f"no joint moves faster than {printed(100 * share_of_limits, 2)} % of its limit of velocity"
         else:
             return []
-        why = f"the usual step of time is {printed(step, 4)} s, and {why}"
+        reason = f"the usual step of time is {printed(step, 4)} s, and {slowness}"
         rate_text = ""
         if self._counts_rows:
-            rate_text = f"; if it counts rows, give their rate by {spell(Argument('rate', Placeholder('HZ')))}"
+            rate_option = spell(Argument("rate", Placeholder("HZ")))
+            rate_text = f"; if it counts rows, give their rate by {rate_option}"
         column = Argument("columns", {"time": f"COLUMN [{unit}]"})
-        return [doubt("time-unit", why=why, unit=unit, rate=rate_text, column=column)]
+        return [doubt("time-unit", why=reason, unit=unit, rate=rate_text, column=column)]
 
     def _step_doubts(self, limits: Limits | None, origin: str) -> list[Doubt]:
-        """Doubt about a time that may count rows, or note on long steps: whole seconds of a slow log look the same.
+        """Doubt about a time that may count rows, or note on long steps: whole seconds of a slow log look like row numbers.
 
-        Time is in seconds if velocities were logged, as their scale is compared with it. It is so too if ten rows per
-        second would need more than the robot's speed. A plan may have points at whole seconds.
+        Time is in seconds if velocities were logged, as their scale is compared with it. It is also in seconds if ten rows
+        per second would need more than the robot's speed. A plan may have points at whole seconds.
         """
         if self._time_stated or self._usual_step < _LONG_STEP:
             return []
+        row_count = self._step_count + 1
         is_confirmed = origin == "plan" or any(rows.dq is not None for rows in self.runs)
-        may_count_rows = self._counts_rows and self._steps + 1 >= _MIN_ROWS and not is_confirmed
+        may_count_rows = self._counts_rows and row_count >= _MIN_ROWS and not is_confirmed
         if may_count_rows and self._keeps_speed(_MIN_LOGGING_RATE, limits):
-            return [doubt("row-numbers", rows=self._steps + 1)]
+            return [doubt("row-numbers", rows=row_count)]
         return [doubt("time-step", step=printed(self._usual_step, 4))]
 
     def _keeps_speed(self, factor: float, limits: Limits | None) -> bool:
-        """True if no joint is faster than a robot's can be when its speeds are multiplied by ``factor``."""
+        """True if no joint exceeds the speed that a robot can reach when its speeds are multiplied by ``factor``."""
         velocity_limits = self._velocity_limits(limits)
         max_speed = np.where(np.isfinite(velocity_limits), _MAX_SHARE_OF_LIMIT * velocity_limits, _MAX_SPEED)
         return bool((factor * self._largest_speed <= max_speed).all())
 
     def _velocity_limits(self, limits: Limits | None) -> Array:
         """Velocity limits (k,) of the checked entries, infinite if none is known."""
-        velocity = np.full(len(self._single), np.inf)
+        velocity = np.full(len(self._checked), np.inf)
         if limits is not None:
-            velocity = limits.velocity[self._single]
-        return known_velocities(velocity, self._turns)
+            velocity = limits.velocity[self._checked]
+        return known_velocities(velocity, self._is_angle)
 
     @property
     def _usual_step(self) -> float:
@@ -520,7 +561,7 @@ class Contradictions:
         return float(np.median(self._median_steps))
 
     def _stays_in_a_turn(self) -> Array:
-        """Mask (k,) of the positions within -π to π, or within 0 to 2π."""
+        """True for joints (k,) whose positions stay within -π to π, or within 0 to 2π."""
         least, largest = self._range
         is_about_zero = (least >= -math.pi - _TURN_TOLERANCE) & (largest <= math.pi + _TURN_TOLERANCE)
         is_above_zero = (least >= -_TURN_TOLERANCE) & (largest <= math.tau + _TURN_TOLERANCE)
@@ -529,40 +570,40 @@ class Contradictions:
     def _jump_doubts(self, limits: Limits | None) -> Iterator[Doubt]:
         """Doubts about steps over half a turn that are too fast for the joint, and not omitted turns."""
         stays_in_a_turn = self._stays_in_a_turn()
-        for k, joint in enumerate(self._single.tolist()):
+        for k, joint in enumerate(self._checked.tolist()):
             jump = self._jumps.get(k)
             if jump is None and not stays_in_a_turn[k]:
-                jump = self._wrapped.get(k)
+                jump = self._first_wraps.get(k)
             if jump is None:
                 continue
-            speed, time, size = jump
             usual_speed = float(self._largest_speed[k])
             if limits is not None and math.isfinite(limits.velocity[joint]):
                 usual_speed = float(limits.velocity[joint])
-            if speed > TOO_FAST * usual_speed:
+            if jump.speed > TOO_FAST * usual_speed:
                 words: dict[str, Any] = {
-                    "angle": printed(size, 4),
-                    "time": seconds(time, 4),
-                    "speed": printed(speed, 3),
+                    "angle": printed(jump.displacement, 4),
+                    "time": seconds(jump.time, 4),
+                    "speed": printed(jump.speed, 3),
                 }
                 yield doubt("jump", [self._checked_names[k]], joint=self._checked_names[k], **words)
 
     def _turn_doubts(self, limits: Limits | None) -> Iterator[Doubt]:
-        """Notes on added turns, and doubts about joints that exceed their limits with any number of turns."""
+        """Notes on added turns, and doubts about joints that exceed their limits whatever number of turns is added."""
         has_turns = (self._wrap_counts > 0) & self._stays_in_a_turn()
         for k in np.flatnonzero(has_turns).tolist():
             name = self._checked_names[k]
             count_text = "1 time" if self._wrap_counts[k] == 1 else f"{self._wrap_counts[k]} times"
-            _, first_time, _ = self._wrapped[k]
-            yield doubt("turned-on", [name], joint=name, count=count_text, time=seconds(first_time, 4))
+            first_time = seconds(self._first_wraps[k].time, 4)
+            yield doubt("turned-on", [name], joint=name, count=count_text, time=first_time)
             if limits is None:
                 continue
-            joint = self._single[k]
-            lower, upper = float(limits.lower[joint]), float(limits.upper[joint])
+            joint = self._checked[k]
+            lower = float(limits.lower[joint])
+            upper = float(limits.upper[joint])
             tolerance = float(limits.tolerance[joint])
             if not (math.isfinite(lower) and math.isfinite(upper)):
                 continue
-            least, largest = self._unwrapped[:, k].tolist()
+            least, largest = self._unwrapped_range[:, k].tolist()
             # Fewest turns after which the least angle is not below the lower limit.
             turns = math.ceil((lower - tolerance - least) / math.tau)
             if largest + math.tau * turns > upper + tolerance:
@@ -578,30 +619,30 @@ class Contradictions:
         """Positions (n, k) of each run, with omitted turns added."""
         all_curves = [rows.q[:, self.places] for rows in self.runs]
         for curves in all_curves:
-            curves[:, self._turns] = np.unwrap(curves[:, self._turns], axis=0)
+            curves[:, self._is_angle] = np.unwrap(curves[:, self._is_angle], axis=0)
         return all_curves
 
     def _curves_and_rates(self, rate: str) -> list[tuple[Array, Array, Array]]:
-        """Time, curves and their rates, of each run that has them.
+        """Time, curves and their rates of each run that has these rates.
 
-        ``rate``: ``velocity``, of positions; ``acceleration``, of velocities; ``derived``: accelerations of velocities
-        that are derived from positions.
+        ``rate`` is ``velocity``: velocities of positions; ``acceleration``: accelerations of velocities; or ``derived``:
+        accelerations of velocities that are derived from positions.
         """
         runs_with_rates = []
         for rows, curves in zip(self.runs, self._curves, strict=True):
             if rate == "velocity" and rows.dq is not None:
-                runs_with_rates.append((rows.time, curves, rows.dq[:, self._single]))
+                runs_with_rates.append((rows.time, curves, rows.dq[:, self._checked]))
             elif rate == "acceleration" and rows.dq is not None and rows.ddq is not None:
                 runs_with_rates.append((rows.time, rows.dq, rows.ddq))
             elif rate == "derived" and rows.dq is None and rows.ddq is not None and len(curves) > 1:
                 derived_dq = np.gradient(curves, rows.time, axis=0)
-                runs_with_rates.append((rows.time, derived_dq, rows.ddq[:, self._single]))
+                runs_with_rates.append((rows.time, derived_dq, rows.ddq[:, self._checked]))
         return runs_with_rates
 
     @cached_property
     def _delays(self) -> Array:
         """Delay (k,) of each velocity behind the slope of its positions [s]; 0 if it has none."""
-        return rate_delays(self._curves_and_rates("velocity"), len(self._single))
+        return rate_delays(self._curves_and_rates("velocity"), len(self._checked))
 
     def _delay_doubts(self, delays: Array) -> Iterator[Doubt]:
         """Doubts about velocities that are late or early."""
@@ -609,31 +650,32 @@ class Contradictions:
             if is_shifted.any():
                 sizes = np.abs(delays[is_shifted])
                 delay_text = seconds(sizes.min())
-                if np.ptp(sizes) > 5e-4:  # printed in ms
+                if np.ptp(sizes) > _MIN_DELAY_RANGE:
                     delay_text += f" to {seconds(sizes.max())}"
                 yield doubt("rate-late", names_of(self._checked_names, is_shifted), late=delay_text, way=direction)
 
     @cached_property
     def _scales(self) -> list[tuple[str, str, list[str], Array, Array]]:
-        """Name of each kind of rates, name of the integrated quantity, joints, True for revolute joints, and scales."""
+        """For each kind of rates: its name, name of the differentiated quantity, joints, True for revolute joints, scales."""
         all_joints = np.arange(len(self._names))
         kinds_of_rates = (
-            ("velocity", self._single, "positions"),
+            ("velocity", self._checked, "positions"),
             ("acceleration", all_joints, "velocities"),
-            ("derived", self._single, "positions' velocities"),
+            ("derived", self._checked, "positions' velocities"),
         )
         scales = []
         for kind, joints, base in kinds_of_rates:
             rate = "velocity" if kind == "velocity" else "acceleration"
             names = self._names[joints].tolist()
-            is_angular = self._angular[joints]
-            scales.append((rate, base, names, is_angular, rate_scales(self._curves_and_rates(kind), is_angular)))
+            is_angular = self._is_angular_velocity[joints]
+            rate_gains = rate_scales(self._curves_and_rates(kind), is_angular)
+            scales.append((rate, base, names, is_angular, rate_gains))
         return scales
 
     def rate_doubts(self, *, time_doubted: bool = False, late: Array | None = None) -> list[Doubt]:
-        """Doubts about rates that differ from the slope of the integrated quantity.
+        """Doubts about rates that differ from the slope of the quantity whose rates they are.
 
-        ``late`` (k,) bool: True if the velocity is shifted in time, so that its scale is not compared.
+        ``late`` (k,) of bool: True if the velocity is shifted in time, so that its scale is not compared.
         """
         doubts = []
         for rate, base, names, is_angular, scales in self._scales:
@@ -655,7 +697,7 @@ class Contradictions:
 
     @cached_property
     def _sampling(self) -> list[Doubt]:
-        """Doubts about repeated rows, or else deviations from the paths, and about spikes."""
+        """Doubts about repeated rows, or else about deviations from the paths; also about torques."""
         times = [rows.time for rows in self.runs]
         new_rows_of_runs = []
         for curves in self._curves:
@@ -672,7 +714,7 @@ class Contradictions:
         return [*_gap_doubts(deviations, times), *self._torque_doubts()]
 
     def _repetition_doubt(self, times: Sequence[Array], new_rows_of_runs: Sequence[Array]) -> Doubt:
-        """Doubt about positions that repeat in several rows, from the masks (n,) of rows with new ones."""
+        """Doubt about positions that repeat in several rows; masks (n,) are True in rows with new positions."""
         time_steps = [np.diff(t) for t in times]
         step = float(np.median(np.concatenate(time_steps)))
         rows_between_new = [np.diff(np.flatnonzero(is_new)) for is_new in new_rows_of_runs]
@@ -701,22 +743,23 @@ class Contradictions:
 
     def _dropouts(self) -> dict[int, tuple[float, float]]:
         """Begin [s] and duration [s] of constant torques, by index among the checked joints."""
-        durations = dict[int, tuple[float, float]]()
+        durations: dict[int, tuple[float, float]] = {}
         for run, curves in zip(self.runs, self._curves, strict=True):
-            tau = np.zeros((0, len(self._single)))
+            tau = np.zeros((0, len(self._checked)))
             if run.tau is not None:
-                tau = run.tau[:, self._single]
+                tau = run.tau[:, self._checked]
             is_constant = dropouts(run.time, tau, curves)
             time_steps = np.diff(run.time)
             for k in np.flatnonzero(is_constant.any(axis=0)).tolist():
                 first_time = float(run.time[is_constant[:, k].argmax()])
                 begin, duration = durations.get(k, (first_time, 0.0))
-                durations[k] = begin, duration + float(time_steps[is_constant[1:, k]].sum())
+                duration_in_run = float(time_steps[is_constant[1:, k]].sum())
+                durations[k] = (begin, duration + duration_in_run)
         return durations
 
 
 def _share_text(late: LatePositions) -> str:
-    """Share of the time in percent: a range if changes were not seen."""
+    """Share of the time in percent; a range if it is not known exactly."""
     least, largest = percent(late.min_share), percent(late.max_share)
     return largest if least == largest else f"{least.removesuffix(' %')} to {largest}"
 
@@ -731,32 +774,30 @@ def _gap_doubts(deviations: Sequence[Gap], times: Sequence[Array]) -> Iterator[D
     """Doubts about simultaneous deviations of all joints from their paths: buffered or missing rows."""
     if not deviations:
         return
-    late = None
+    late_positions = None
     if len(times) == 1:
-        late = late_by_turns(deviations, times[0][0], times[0][-1])
-    if late is not None:
-        delay = 1e3 * late.delay  # ms
+        time = times[0]
+        late_positions = late_by_turns(deviations, time[0], time[-1])
+    if late_positions is not None:
+        delay = 1e3 * late_positions.delay  # ms
         yield doubt(
-            "buffered", found={"value": delay, "unit": "ms"}, share=_share_text(late), late=number(delay, 3),
+            "buffered", found={"value": delay, "unit": "ms"}, share=_share_text(late_positions), late=number(delay, 3),
             count=len(deviations), time=seconds(deviations[0].time, 4),
         )  # fmt: skip
         return
     gap_times, repeated_rows, delays = np.array([(gap.time, gap.held, gap.late) for gap in deviations]).T
     is_repetition = repeated_rows > 0
     if is_repetition.any():
-        rows = int(repeated_rows.max())
-        yield doubt(
-            "held", found={"value": float(rows), "unit": "rows"}, when=_times_text(gap_times[is_repetition]), rows=rows
-        )
+        largest_count = int(repeated_rows.max())
+        found = {"value": float(largest_count), "unit": "rows"}
+        yield doubt("held", found=found, when=_times_text(gap_times[is_repetition]), rows=largest_count)
     is_pause = ~is_repetition
     if not is_pause.any():
         return
-    why = "rows are missing there, and the stamps were closed up"
-    if (delays[is_pause] > 0).all():  # where rows are missing, positions are early
-        why = f"positions are {number(1e3 * delays[is_pause][0], 2)} ms late from there on: a clock was shifted"
-    yield doubt(
-        "pause",
-        when=_times_text(gap_times[is_pause]),
-        why=why,
-        found={"value": float(gap_times[is_pause][0]), "unit": "s"},
-    )
+    pause_times = gap_times[is_pause]
+    pause_delays = delays[is_pause]
+    reason = "rows are missing there, and the stamps were closed up"
+    if (pause_delays > 0).all():  # where rows are missing, positions are early
+        reason = f"positions are {number(1e3 * pause_delays[0], 2)} ms late from there on: a clock was shifted"
+    found = {"value": float(pause_times[0]), "unit": "s"}
+    yield doubt("pause", when=_times_text(pause_times), why=reason, found=found)

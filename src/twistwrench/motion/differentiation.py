@@ -22,17 +22,19 @@ from .motion_log import LogRows, MotionLog
 from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates, stretch_edges
 
 SIGNIFICANT_SIGMAS = 5.0
-"""Standard deviations above which a velocity's sign is significant: false positives at rest are six in ten million."""
+"""Number of standard deviations above which a velocity's sign is significant: at rest, six in ten million are above."""
 _SLOPE_ROUND_OFF = 16.0
 """Error of the spline's slope times the time step, in units in the last place of q."""
 _MIN_NOISE_SHARE = 0.1
-"""Share of a joint's noise below which a column of it does not matter."""
+"""Share of a joint's noise below which a column of the joint does not matter."""
 _MIN_OUTLIER_SIGMAS = 6.0
-"""Standard deviations about the smoothed curve from which a sample is an outlier."""
+"""Number of standard deviations from the smoothed curve beyond which a sample is an outlier."""
+_ROWS_OF_GLITCH = 3.0
+"""Number of rows on either side that a glitch attracts the curve, in units of strength^(1/6)."""
 
 
 def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma_dq: Array) -> Array:
-    """Mask (n, nv) of derived velocities within their uncertainty due to noise and rounding.
+    """True for derived velocities (n, nv) within their uncertainty due to noise and rounding.
 
     ``sigma_dq`` (nv,): standard deviation of the velocities.
     """
@@ -54,14 +56,14 @@ def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: 
 
 
 def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, factors: Array) -> Array:
-    """Mask (n, nv) of ringing: the spline's velocity contradicts the displacement between the neighbouring samples.
+    """True for velocities (n, nv) of a spline that rings: they contradict the displacement between neighbouring samples.
 
     Only steps large enough to appear in the samples count. ``factors`` convert the columns of q to SI units.
     """
     is_ringing = np.zeros(dq.shape, bool)
     if len(t) < 3:
         return is_ringing
-    # Entry k of these is that of sample k + 1.
+    # Entry k of the next arrays belongs to sample k + 1.
     span = t[2:] - t[:-2]
     displacement = curves[2:] - curves[:-2]
     is_beside_pause = np.zeros(len(span), bool)  # samples do not resolve the steps there
@@ -90,7 +92,7 @@ class MotionSamples:
     ddq: Array
     """Accelerations (n, nv) [rad/s², m/s²]."""
     measured: Array
-    """Coordinates (n, nq) of the file in SI units, for position limits."""
+    """Coordinates (n, nq) as measured, in SI units, for position limits."""
     stationary: Array
     """(n, nv) True if a velocity is derived and within its uncertainty, so that its sign is not significant."""
     outlier: Array
@@ -114,6 +116,7 @@ class Outlier:
     column: int
     """Index among the smoothed columns."""
     count: int
+    """Number of outliers."""
     time: float
     """Time of the largest outlier [s]."""
     sigmas: float
@@ -143,21 +146,21 @@ def outliers_of(outlier_rows: Array) -> tuple[Outlier, ...]:
 def outlier_residuals(residual: Array, deviation: Array, strengths: Array) -> Array:
     """Residuals (n, k, 2) in standard deviations and in SI units; nonzero only for local maxima beyond 6 deviations.
 
-    ``residual`` (n, k) is that of each sample, ``deviation`` (n, k) or (k,) the standard deviation of inliers, and
-    ``strengths`` (k,) those of the smoothing.
+    ``residual`` (n, k) are the residuals of all samples, ``deviation`` (n, k) or (k,) the standard deviation of inliers, and
+    ``strengths`` (k,) the strengths of the smoothing.
     """
     from scipy.ndimage import maximum_filter1d
 
     outliers = np.zeros((*residual.shape, 2))
     for k in np.flatnonzero(deviation.any(axis=0) & (strengths > 0)).tolist():
         sigmas = residual[:, k] / deviation[:, k]
-        sigmas_size = np.abs(sigmas)
-        if not (sigmas_size > _MIN_OUTLIER_SIGMAS).any():
+        sizes = np.abs(sigmas)
+        if not (sizes > _MIN_OUTLIER_SIGMAS).any():
             continue
         # A glitch attracts the curve, so its neighbours also deviate from the curve, by less than half as much.
-        window = 2 * math.ceil(3.0 * strengths[k] ** (1 / 6)) + 1
-        largest_nearby = maximum_filter1d(sigmas_size, window, mode="nearest")
-        is_outlier = (sigmas_size > _MIN_OUTLIER_SIGMAS) & (sigmas_size > 0.5 * largest_nearby)
+        rows_beside = math.ceil(_ROWS_OF_GLITCH * strengths[k] ** (1 / 6))
+        largest_nearby = maximum_filter1d(sizes, 2 * rows_beside + 1, mode="nearest")
+        is_outlier = (sizes > _MIN_OUTLIER_SIGMAS) & (sizes > 0.5 * largest_nearby)
         outliers[is_outlier, k, 0] = sigmas[is_outlier]
         outliers[is_outlier, k, 1] = residual[is_outlier, k]
     return outliers
@@ -181,8 +184,10 @@ _SPLINE_MARGIN = 64
 
 The influence falls by a factor of 0.43 per sample, thus to 4e-24 over the margin.
 """
-_EXCERPT_COUNT, _EXCERPT_ROWS = 8, 2048
-"""Number of excerpts of a log, and rows in each, from which the settings are determined."""
+_EXCERPT_COUNT = 8
+"""Number of excerpts of a log from which the settings are determined."""
+_EXCERPT_ROWS = 2048
+"""Number of rows of an excerpt."""
 _SHARE_OF_OPTIMUM = 10.0**-0.5
 """Smoothing strength relative to the optimum for positions.
 
@@ -241,18 +246,20 @@ class Differentiation:
         columns = columns_by_part[differentiated_part]
         factors = trajectory.columns.factors[differentiated_part]
         if columns is None or not derives:
-            columns, factors = np.zeros(0, int), np.zeros(0)
+            columns = np.zeros(0, int)
+            factors = np.zeros(0)
 
-        runs = excerpts(trajectory.table, _EXCERPT_COUNT, _EXCERPT_ROWS)
-        times = [table[:, trajectory.columns.time] for table in runs]
-        parts = curves = [table[:, columns] for table in runs]
-        longest = max(map(len, times))  # runs of a large file have this length
-        if derives and longest < FEWEST:
-            raise _too_few_rows(trajectory, longest, "accelerations" if source != "given" else "velocities")
+        excerpt_tables = excerpts(trajectory.table, _EXCERPT_COUNT, _EXCERPT_ROWS)
+        times = [table[:, trajectory.columns.time] for table in excerpt_tables]
+        parts = [table[:, columns] for table in excerpt_tables]
+        row_count = max(map(len, times))  # all excerpts of a large file have this length
+        if derives and row_count < FEWEST:
+            raise _too_few_rows(trajectory, row_count, "accelerations" if source != "given" else "velocities")
         coordinates = Coordinates.from_model(model)
         turn = math.tau / trajectory.columns.angle  # in the units of the file
         q_columns = columns_by_part["q"]
-        continuity = Continuity.from_parts(coordinates, [table[:, q_columns] for table in runs], turn)
+        continuity = Continuity.from_parts(coordinates, [table[:, q_columns] for table in excerpt_tables], turn)
+        curves = parts
         if differentiated_part == "q" and derives:
             curves = [continuity.curves(x, turn) for x in parts]
         quality = survey(times, parts, curves)
@@ -299,7 +306,7 @@ class Differentiation:
         return self.source != "given" or self.derives_velocities
 
     def sigma_at(self, samples: MotionSamples) -> Array:
-        """Standard deviation (n, nv) as :attr:`sigma_ddq`, by state: errors of late stamps grow with the speed."""
+        """Standard deviation (n, nv) of the accelerations in each state: errors of late stamps grow with the speed."""
         derives_from_velocities = self.source == "velocities"
         differentiated_part = "dq" if derives_from_velocities else "q"
         rates = samples.ddq if derives_from_velocities else samples.dq  # of the differentiated columns
@@ -314,28 +321,30 @@ class Differentiation:
         return sigma
 
     def end_gain(self, time: Array) -> Array:
-        """(n, nv) noise of accelerations at times (n,) relative to :attr:`sigma_ddq`, which holds far from the log's ends.
+        """Noise (n, nv) of accelerations at times (n,), relative to :attr:`sigma_ddq`, which holds far from the log's ends.
 
-        Beyond an end there are no samples, so the spline's derivatives there have up to nine times the noise.
+        Beyond an end there are no samples, so the spline's derivatives at an end have up to nine times the noise.
         """
-        order = 1 if self.source == "velocities" else 2
-        distance = np.full(len(time), np.inf)
+        derivative_order = 1 if self.source == "velocities" else 2
+        time_to_end = np.full(len(time), np.inf)
         for end in self.ends.tolist():
-            distance = np.minimum(distance, np.abs(time - end))
-        rows = distance / self.quality.step
-        column_sigma = self.quality.error * _noise_gains(order, self.strengths, self.quality.step)
+            time_to_end = np.minimum(time_to_end, np.abs(time - end))
+        rows_to_end = time_to_end / self.quality.step
+        column_sigma = self.quality.error * _noise_gains(derivative_order, self.strengths, self.quality.step)
         min_sigma = _MIN_NOISE_SHARE * self._velocity_entries(column_sigma)
         gain = np.ones((len(time), self.model.nv))
         for strength in set(self.strengths.tolist()):
             sigma_of_strength = np.where(self.strengths == strength, column_sigma, 0.0)
             matters = self._velocity_entries(sigma_of_strength) > min_sigma
-            gains_near_end = end_gains(order, strength, rows)[:, None]
+            gains_near_end = end_gains(derivative_order, strength, rows_to_end)[:, None]
             gain = np.where(matters, np.maximum(gain, gains_near_end), gain)
         return gain
 
     def _velocity_entries(self, column_sigma: Array) -> Array:
-        """Standard deviations (nv,) of ddq from those (k,) of the derivatives of the differentiated columns."""
-        return column_sigma if self.source == "velocities" else _to_joints(self.model, column_sigma)
+        """Standard deviations (nv,) of ddq from the standard deviations (k,) of derivatives of the differentiated columns."""
+        if self.source == "velocities":
+            return column_sigma
+        return _to_joints(self.model, column_sigma)
 
     def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[MotionSamples]:
         """Samples of the motion in runs of about ``core`` rows; up to rounding, values do not depend on ``core``."""
@@ -345,7 +354,7 @@ class Differentiation:
     def surrounded_states(
         self, core: int, progress: Callable[[int], None] | None = None
     ) -> Iterator[tuple[MotionSamples, LogRows, slice]]:
-        """Samples in overlapping runs, the rows of the log there, and the slice of new rows in each run.
+        """Samples of overlapping runs of rows, each with its rows of the log and the slice of its new rows.
 
         The values of the new rows depend on up to :attr:`margin` rows on either side. ``progress`` is called with the
         number of new rows.
@@ -359,14 +368,15 @@ class Differentiation:
 
     def states_near(self, row: int, reach: int) -> MotionSamples:
         """Samples of up to ``reach`` rows before a row of the log, of the row itself, and of those after it."""
-        count = len(self.trajectory.table)
-        first, last = max(0, row - reach), min(row + reach, count)
-        rows = slice(max(0, first - self.margin), min(last + self.margin, count))
-        states = self._states(self.trajectory.motion(self.trajectory.table[rows]), rows)
-        return states[first - rows.start : last - rows.start]
+        row_count = len(self.trajectory.table)
+        begin, end = max(0, row - reach), min(row + reach, row_count)
+        rows = slice(max(0, begin - self.margin), min(end + self.margin, row_count))
+        motion = self.trajectory.motion(self.trajectory.table[rows])
+        states = self._states(motion, rows)
+        return states[begin - rows.start : end - rows.start]
 
     def _states(self, motion: LogRows, rows: slice) -> MotionSamples:
-        """Samples of some rows of the log; given velocities are never zero at its ends."""
+        """Samples of some rows of the log; zeros of given velocities at its ends are replaced by neighbouring velocities."""
         states = self.complete(motion)
         if self.derives:
             return states
@@ -439,7 +449,7 @@ def _strengths(
 ) -> tuple[Array, Array]:
     """Smoothing strengths (k,) of the columns, and the standard deviations (k,) of the errors that are smoothed.
 
-    Differentiation amplifies fast errors. Smoothing passes slow ones, so it needs the standard deviation of all errors.
+    Differentiation amplifies fast errors. Smoothing passes slow errors, so it needs the standard deviation of all errors.
     """
     strengths = np.zeros(len(quality.noise))
     deviation = quality.error
@@ -447,8 +457,8 @@ def _strengths(
         parts = [x[:, k] for x in curves]
         strengths[k] = _SHARE_OF_OPTIMUM * best_strength(times, parts, error, quality.step, grid)
         if strengths[k] > 0:
-            # Rounding errors equal for m consecutive samples have m times the power at low frequencies, which smoothing
-            # passes.
+            # Smoothing passes low frequencies. Rounding errors that are equal for m consecutive samples have m times the
+            # power there.
             deviation[k] *= math.sqrt(alike_samples(parts, grid, error))
         if progress is not None:
             progress((k + 1) / len(strengths))
@@ -456,8 +466,8 @@ def _strengths(
 
 
 def _noise_gains(order: int, strengths: Array, step: float) -> Array:
-    """Noise gains (k,) of derivatives at smoothing strengths (k,), computed once for equal strengths."""
-    gain_by_strength = {}
+    """Noise gains (k,) of derivatives at smoothing strengths (k,); they are computed once for equal strengths."""
+    gain_by_strength: dict[float, float] = {}
     for strength in set(strengths.tolist()):
         gain_by_strength[strength] = noise_gain(order, strength, step)
     return np.array([gain_by_strength[strength] for strength in strengths.tolist()])
@@ -469,18 +479,18 @@ def _ends(time: Array) -> Array:
     return np.sort(np.r_[time[edges[:-1]], time[edges[1:] - 1]])
 
 
-def _too_few_rows(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:
-    """Error for a log of a few ``rows``, from which ``wanted`` rates cannot be derived."""
-    count = "1 row is" if rows == 1 else f"{rows} rows are"
+def _too_few_rows(trajectory: MotionLog, row_count: int, rates: str) -> TrajectoryError:
+    """Error for a log of a few rows, from which ``rates`` cannot be derived: "velocities" or "accelerations"."""
+    subject = "1 row is" if row_count == 1 else f"{row_count} rows are"
     return TrajectoryError(
-        f"{trajectory.path}: {count} too few to derive {wanted} from. "
+        f"{trajectory.path}: {subject} too few to derive {rates} from. "
         f"Give at least {FEWEST} rows, or '.vel' and '.acc' columns for every joint. A motion between a few poses is made by "
         "twistwrench move, or tw.trajectories.move."
     )
 
 
 def noise_gain(order: int, strength: float, step: float) -> float:
-    """Standard deviation of the spline's derivative of this order for white unit noise: norm of the pulse response."""
+    """Standard deviation of the spline's first or second derivative for white noise of 1: norm of the pulse response."""
     middle = _SPLINE_MARGIN
     if strength:
         middle += margin_of(strength)
@@ -493,13 +503,13 @@ def noise_gain(order: int, strength: float, step: float) -> float:
 
 
 _MAX_END_STRENGTH = 1e4
-"""Strength of smoothing above which the noise near an end is the same over distances in units of strength^(1/6)."""
+"""Smoothing strength above which the noise near an end depends only on the distance in units of strength^(1/6)."""
 _END_ROWS = 200
-"""Rows of the log by which the noise near an end is computed; a tenth of them is near it."""
+"""Number of rows of a log from which the noise near an end is computed; a tenth of them is near the end."""
 
 
 def end_gains(order: int, strength: float, rows: Array) -> Array:
-    """Noise gain (n,) of the spline's derivative at ``rows`` (n,) from an end, relative to that far from it.
+    """Noise gain (n,) of the spline's derivative at ``rows`` (n,) from an end, relative to the gain far from it.
 
     >>> end_gains(2, 0.0, np.array([0.0, 1.0, 50.0])).round(2).tolist()
     [8.75, 0.69, 1.0]
@@ -515,8 +525,9 @@ def end_gains(order: int, strength: float, rows: Array) -> Array:
 def _gains_of_rows(order: int, strength: float) -> Array:
     """Relative noise gains of the first rows of a log, to its middle: norms of their responses to pulses in all rows."""
     t = np.arange(float(_END_ROWS))
-    responses = spline_rates(t, smooth(t, np.eye(_END_ROWS), strength, 1.0))[order - 1]
-    gains = np.linalg.norm(responses, axis=1)
+    smoothed_pulses = smooth(t, np.eye(_END_ROWS), strength, 1.0)
+    responses = spline_rates(t, smoothed_pulses)  # first and second derivatives
+    gains = np.linalg.norm(responses[order - 1], axis=1)
     middle = _END_ROWS // 2
     return gains[:middle] / gains[middle]
 

@@ -20,12 +20,11 @@ MAX_TABLE_IN_MEMORY = 1 << 25
 """Largest table in memory [bytes]; larger ones are in a temporary file, whose pages the system can evict."""
 ROWS = 1 << 14
 """Rows per block in passes over a table."""
-
-
 MAX_RATIO = 100
-"""Largest size of data in multiples of the file's that holds it. Logs are packed to a third to a thirtieth of their size."""
+"""Largest size of the data over the size of their file. Files of packed logs have a third to a thirtieth of the data's size."""
 FREE_UNPACKED_SIZE = 1 << 28
-"""Size of data that a file of any size may hold [bytes]."""
+"""Size of data that even the smallest file may hold [bytes]."""
+_BYTES_PER_NUMBER = 8
 
 
 def most_unpacked(packed: int) -> int:
@@ -49,7 +48,7 @@ def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
     >>> table_of([np.ones((2, 3)), np.zeros((1, 3))], 3, Path("log.csv")).shape
     (3, 3)
     """
-    with contextlib.ExitStack() as closing:  # a memory map outlives its file
+    with contextlib.ExitStack() as open_file:  # closed at the end; a memory map outlives its file
         unwritten_portions: list[Array] = []
         row_count = 0
         file = None
@@ -58,17 +57,18 @@ def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
                 row_count += len(portion)
                 unwritten_portions.append(portion)
                 if file is None:
-                    if 8 * row_count * columns <= MAX_TABLE_IN_MEMORY:
+                    if _BYTES_PER_NUMBER * row_count * columns <= MAX_TABLE_IN_MEMORY:
                         continue
-                    file = closing.enter_context(tempfile.TemporaryFile())
+                    file = open_file.enter_context(tempfile.TemporaryFile())
                 for unwritten in unwritten_portions:
                     file.write(np.ascontiguousarray(unwritten, float).data)
                 file.flush()
                 unwritten_portions.clear()
         except OSError as error:
+            size = 8e-9 * row_count * columns  # GB
             raise TrajectoryError(
-                f"{path}: its rows take {printed(8e-9 * row_count * columns, 2)} GB or more in {tempfile.gettempdir()}, "
-                f"which cannot be written: {error.strerror or error}. Free the space, or set TMPDIR."
+                f"{path}: its rows take {printed(size, 2)} GB or more in {tempfile.gettempdir()}, which "
+                f" cannot be written: {error.strerror or error}. Free the space, or set TMPDIR."
             ) from None
         if file is None:
             return np.concatenate([np.zeros((0, columns)), *unwritten_portions])
@@ -76,21 +76,22 @@ def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
 
 
 def slices(count: int, rows: int = 0) -> Iterator[slice]:
-    """Consecutive slices of ``rows`` rows each, :data:`ROWS` if 0, of a table with ``count`` rows."""
+    """Consecutive slices of a table with ``count`` rows: each of ``rows`` rows, or of :data:`ROWS` if ``rows`` is 0."""
     step = rows or ROWS
     return (slice(begin, min(begin + step, count)) for begin in range(0, count, step))
 
 
 def without_times(table: Array, times: Iterable[float]) -> Array:
-    """Remove the rows with the given times (first column), in place."""
+    """Table without the rows of the given times (first column). Its memory is that of ``table``, which is overwritten."""
     removed_times = list(times)
-    end = 0  # of the remaining rows, which overwrite the table from its beginning
+    remaining_count = 0
     for block in slices(len(table)):
         is_removed = np.isin(table[block, 0], removed_times)
         remaining_rows = table[block][~is_removed]
-        table[end : end + len(remaining_rows)] = remaining_rows
-        end += len(remaining_rows)
-    return table[:end]
+        next_count = remaining_count + len(remaining_rows)
+        table[remaining_count:next_count] = remaining_rows
+        remaining_count = next_count
+    return table[:remaining_count]
 
 
 def excerpts(table: Array, count: int, rows: int) -> list[Array]:
@@ -103,7 +104,7 @@ def excerpts(table: Array, count: int, rows: int) -> list[Array]:
 
 
 def spread_rows(total: int, count: int, rows: int) -> list[slice]:
-    """Up to ``count`` slices of ``rows`` rows, evenly spread over ``total`` rows; one slice if these are few.
+    """Up to ``count`` slices of ``rows`` rows, evenly spread over ``total`` rows; one slice of all if these are fewer.
 
     >>> spread_rows(10, 2, 3), spread_rows(10, 1, 4), spread_rows(10, 0, 4)
     ([slice(0, 3, None), slice(7, 10, None)], [slice(3, 7, None)], [])
@@ -119,9 +120,10 @@ def spread_rows(total: int, count: int, rows: int) -> list[slice]:
 
 
 def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]:
-    """Windows on ``count`` rows: ``core`` rows with up to ``margin`` more on either side, and the core's slice in each.
+    """Pairs of slices for ``count`` rows in cores of ``core`` rows: a core with its margins, and the core in this window.
 
-    The last core includes the remaining rows if they are fewer than ``margin``.
+    A window has up to ``margin`` rows more than its core on either side. The last core includes the remaining rows if they
+    are fewer than ``margin``.
 
     >>> [(window.start, window.stop, core.start, core.stop) for window, core in windows(9, 4, 2)]
     [(0, 6, 0, 4), (2, 9, 2, 7)]

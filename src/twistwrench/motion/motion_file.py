@@ -49,9 +49,9 @@ class JoinedFile:
     header: tuple[str, ...]
     parts: tuple[MotionFile, ...]
     places: tuple[tuple[int, int], ...]
-    """File index and column index of each column of the header."""
+    """File index, and column index in that file, of each column of the header."""
     stamps: tuple[int | None, ...]
-    """Time column of each file; None for files without one."""
+    """Index of each file's time column; None for files without one."""
     size: int
     """Size of all files [bytes]."""
     notes: tuple[str, ...] = ()
@@ -65,10 +65,10 @@ class JoinedFile:
                 f"{path}: files of one motion are written a.csv{JOINS}b.csv, with a name on both sides."
             )
         parts = tuple(map(reader, names))
-        stamps = tuple(_time_column_of(part.header) for part in parts)
-        only_some_have_time = None in stamps and {*stamps} != {None}
+        time_columns = tuple(_time_column_of(part.header) for part in parts)
+        only_some_have_time = None in time_columns and {*time_columns} != {None}
         if only_some_have_time:
-            part_without_time = parts[stamps.index(None)]
+            part_without_time = parts[time_columns.index(None)]
             raise TrajectoryError(
                 f"{part_without_time.path}: has no column of time, and the file it is joined with has one. Both need one, or "
                 "neither."
@@ -79,8 +79,8 @@ class JoinedFile:
         for file_index, part in enumerate(parts):
             notes += part.notes
             for column, cell in enumerate(part.header):
-                is_further_time = file_index > 0 and column == stamps[file_index]
-                if not is_further_time:
+                is_repeated_time = file_index > 0 and column == time_columns[file_index]
+                if not is_repeated_time:
                     places.append((file_index, column))
                     cells.append(cell)
         cell_counts = Counter(cells)
@@ -91,10 +91,10 @@ class JoinedFile:
                 name = _distinct_name(cell, parts[file_index].path)
             header.append(name)
         size = sum(part.size for part in parts)
-        return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, tuple(notes))
+        return cls(Path(str(path)), tuple(header), parts, tuple(places), time_columns, size, tuple(notes))
 
     def check_columns(self) -> None:
-        """Raise TrajectoryError if all files have the same columns, which means several logs of one robot."""
+        """Raise TrajectoryError if all files have the same columns: they are several logs of one robot."""
         cells = frozenset(self.parts[0].header)
         names = []
         for part in self.parts:
@@ -109,7 +109,7 @@ class JoinedFile:
         )
 
     def table(self, used: Sequence[int]) -> Array:
-        """Table (n, len(used)) of the given columns, resampled at the stamps of the first file if stamps differ."""
+        """Table (n, len(used)) of the columns ``used``, resampled at the stamps of the first file if stamps differ."""
         requested_places = np.array(self.places, int).reshape(-1, 2)[list(used)]
         file_of_column, column_in_file = requested_places.T
         tables: list[Array] = []
@@ -127,35 +127,37 @@ class JoinedFile:
         is_common = self._common_rows(tables, times)
         order = _requested_order(file_of_column)
         first_times = times[0]
+        # Times of each file that is resampled; None if its rows are those of the first file.
         resampled_times = [None if _have_same_stamps(time, first_times) else time for time in times]
-        """Times of each file that is resampled; None if its rows are those of the first file."""
 
         def joined_portions() -> Iterator[Array]:
+            """Portions of the table, with the columns in the order of ``used``."""
             for block in slices(len(is_common)):
                 rows = np.arange(block.start, block.stop)[is_common[block]]
                 if not rows.size:
                     continue
-                portions = []
+                portion_by_file = []
                 for table, own_times in zip(tables, resampled_times, strict=True):
                     if own_times is None or first_times is None:
-                        portions.append(table[rows])
+                        portion_by_file.append(table[rows])
                     else:
-                        portions.append(_resample(table, own_times, first_times[rows]))
-                yield np.concatenate(portions, axis=1)[:, order]
+                        portion_by_file.append(_resample(table, own_times, first_times[rows]))
+                portion = np.concatenate(portion_by_file, axis=1)
+                yield portion[:, order]
 
         return table_of(joined_portions(), len(used), self.path)
 
     def first(self, column: int) -> Array:
-        """First numbers of a column."""
+        """First few numbers of a column."""
         file_index, column_in_file = self.places[column]
         return self.parts[file_index].first(column_in_file)
 
     def place(self, row: int) -> str:
-        """Description of a row's place, ``row 3``."""
+        """Place of a row in words: ``row 3`` for index 2."""
         return f"row {row + 1}"
 
     def _common_rows(self, tables: list[Array], times: list[Array | None]) -> Array:
-        """Mask (n,) of rows of the first file within the times of all others; raises TrajectoryError on mismatch."""
+        """True for the rows (n,) of the first file within the times of all others; raises TrajectoryError if there are none."""
         first_times = times[0]
         if first_times is None:
             if len({*map(len, tables)}) == 1:
@@ -179,7 +181,7 @@ class JoinedFile:
 
 
 def _have_same_stamps(time: Array | None, first_times: Array | None) -> bool:
-    """True if times are equal within the tolerance of stamps, or if there are none."""
+    """True if the times of two files are equal within the tolerance of stamps, or if the files have no times."""
     if time is None or first_times is None:
         return True
     return len(time) == len(first_times) and bool(np.abs(time - first_times).max() <= _STAMP_TOLERANCE)
@@ -195,14 +197,17 @@ def _resample(table: Array, time: Array, new_times: Array) -> Array:
 
 
 def _requested_order(file_of_column: Array) -> Array:
-    """Permutation of columns from the order of files to the requested one; ``file_of_column``: file of each requested one."""
+    """Indices that bring columns from the order of files to the requested one.
+
+    ``file_of_column`` has the file of each requested column.
+    """
     requested_by_file_order = np.argsort(file_of_column, kind="stable")
-    return np.argsort(requested_by_file_order, kind="stable")  # its inverse
+    return np.argsort(requested_by_file_order, kind="stable")  # the inverse permutation
 
 
 def _time_column_of(header: Sequence[str]) -> int | None:
-    """Most certain time column of a file; None without one."""
-    ranks = {}
+    """Index of a file's column that most certainly is its time; None without one."""
+    ranks = {}  # by column; 0 is most certain
     for column, cell in enumerate(header):
         name, _ = split_unit(cell)
         meaning = time_meaning(name)
@@ -212,20 +217,21 @@ def _time_column_of(header: Sequence[str]) -> int | None:
 
 
 def _seconds_per_unit(cell: str, stamps: Array) -> float:
-    """Factor of a time column to seconds, by its name, or by its numbers if they count from 1970."""
+    """Factor of a time column to seconds: by its unit, or by its numbers if they count from 1970; otherwise 1."""
     name, unit = split_unit(cell)
     meaning = time_meaning(name)
     if not unit and meaning is not None:
         _, unit = meaning
-    return time_factor(unit or unit_since_1970(stamps) or "s") or 1.0
+    known_unit = unit or unit_since_1970(stamps) or "s"
+    return time_factor(known_unit) or 1.0
 
 
 def _distinct_name(cell: str, path: Path) -> str:
     """Distinct name of a column that several files have.
 
-    It gets the suffix of the quantity in the file's name, or the file's name as a prefix if that has no quantity.
+    It gets the suffix of the quantity in the file's name. If that name has no quantity, it becomes a prefix.
     """
-    stem = path.name.split(".")[0]
+    stem, _, _ = path.name.partition(".")
     words = re.findall(r"[^\W\d_]+", stem.casefold())
     suffixes = {SUFFIX[_PART_OF_FILE_WORD[word]] for word in words if word in _PART_OF_FILE_WORD}
     if len(suffixes) != 1:
@@ -295,7 +301,7 @@ def text_columns(file: MotionFile) -> tuple[int, ...]:
 
 
 def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
-    """Append the sums in ``columns``, such as ``J3+J2`` or ``J3-J2``, to the file's columns."""
+    """File with additional columns: the sums among the values of ``columns``, such as ``J3+J2`` or ``J3-J2``."""
     sums = _sums(file, columns)
     if not sums:
         return file
@@ -308,14 +314,15 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
         header.append(_with_unit(name, unit))
 
     def read_portions(used: Sequence[int]) -> Iterator[Array]:
-        required_columns = set[int]()
+        """Portions (rows, len(used)) of the columns ``used``, among which are sums."""
+        required_columns: set[int] = set()
         for column in used:
             required_columns.update(k for k, _ in terms_by_column[column])
         file_columns = sorted(required_columns)
         table = file.table(file_columns)
         for rows in slices(len(table)):
             portion = np.zeros((len(table[rows]), len(used)))
-            for total, column in zip(portion.T, used, strict=True):  # views, so that portion changes
+            for total, column in zip(portion.T, used, strict=True):  # total is a view: the portion changes
                 for k, sign in terms_by_column[column]:
                     total += sign * table[rows, file_columns.index(k)]
             yield portion
@@ -326,7 +333,7 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
 
 
 Terms = list[tuple[int, float]]
-"""Terms of a sum of columns: index and sign."""
+"""Terms of a sum of columns: pairs of a column's index and a factor, 1 or -1."""
 _SIGNS = {"": 1.0, "+": 1.0, "-": -1.0}
 
 
@@ -348,7 +355,8 @@ def _sums(file: MotionFile, columns: Mapping[str, str]) -> dict[str, Terms]:
                 terms.append((column_by_name[term_name], _SIGNS[sign]))
         is_column = name_without_unit in column_by_name
         has_unknown_terms = len(terms) < len(signs_and_names)
-        if is_column or has_unknown_terms or len(signs_and_names) < 2:
+        is_single_term = len(signs_and_names) < 2
+        if is_column or has_unknown_terms or is_single_term:
             continue
         sums[name] = terms
         units = {unit_by_column[column] for column, _ in terms}

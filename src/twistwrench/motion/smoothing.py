@@ -35,10 +35,10 @@ _GLITCH_STRENGTH = 10.0
 """Strength of the curve from which glitches depart."""
 _GLITCH_SIGMAS = 6.0
 """Departure of a glitch from this curve, in standard deviations of the noise."""
-_GLITCH_REACH = 5
-"""Samples on either side of a glitch whose departures are smaller."""
+_SAMPLES_BESIDE_GLITCH = 5
+"""Number of samples on either side of a glitch whose departures are smaller."""
 _MAX_GLITCH_SHARE = 0.01
-"""Largest share of all samples that may be glitches; if more depart so far, the motion is fast."""
+"""Largest share of all samples that may be glitches; if more depart as far, the motion is fast."""
 _MAX_ALIKE_SAMPLES = 10.0
 """Largest number of consecutive samples whose rounding errors count as equal."""
 _MAX_NOISE_GAIN = 0.95
@@ -48,26 +48,33 @@ _MAX_RISK = 4.0
 
 The risk is 2 without smoothing. The other 2 allow for the error of the noise estimate.
 """
-_DECAY = 28.0
+_MARGIN_DECAY = 28.0
 """Exponent of the influence of a sample beyond the margin: exp(-28) < 1e-12."""
+_MARGIN_RESERVE = 16
+"""Number of samples added to every margin."""
+_WEIGHT_COUNT = 4
+"""Number of weights of a third difference."""
+_FREQUENCY_COUNT = 20000
+"""Number of frequencies of a mean over all of them."""
 
 
 def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
     """Smooth columns with a common strength; t (n,), x (n,) or (n, k) → shape of x. ``step``: typical time step."""
-    if strength == 0.0 or len(x) < 4:
+    if strength == 0.0 or len(x) < _WEIGHT_COUNT:
         return x.copy()
     from scipy.linalg import solveh_banded
 
     D = _third_differences(t, step)
     # z = x - D' u with (D D' + 1/strength) u = D x. Rounding errors are then relative to the small correction D' u.
-    bands = np.zeros((4, len(D)))  # upper form of D D' + 1/strength
-    for k in range(4):
+    bands = np.zeros((_WEIGHT_COUNT, len(D)))  # of D D' + 1/strength, the main diagonal last
+    for k in range(_WEIGHT_COUNT):
         bands[3 - k, k:] = np.sum(D[k:, : 4 - k] * D[: len(D) - k, k:], axis=1)
     bands[3] += 1.0 / strength
-    weights = D.reshape(*D.shape, *[1] * (x.ndim - 1))  # the same for all columns of x
-    u = solveh_banded(bands, _apply(weights, x), check_finite=False, overwrite_ab=True)
+    weights = D.reshape(*D.shape, *[1] * (x.ndim - 1))  # equal for all columns of x
+    third_differences = _apply(weights, x)
+    u = solveh_banded(bands, third_differences, check_finite=False, overwrite_ab=True)
     z = x.copy()
-    for k in range(4):
+    for k in range(_WEIGHT_COUNT):
         z[k : k + len(u)] -= weights[:, k] * u
     return z
 
@@ -78,16 +85,16 @@ def _third_differences(t: Array, step: float) -> Array:
     The third divided difference has the weights 1/Π_{j≠k} (t_k - t_j). It is scaled by 3! and the root of the relative
     span of its four samples.
     """
-    t = np.lib.stride_tricks.sliding_window_view(t, 4) / step
-    time_differences = t[:, :, None] - t[:, None, :]
-    time_differences[:, np.arange(4), np.arange(4)] = 1.0  # no factor for j = k
-    relative_span = (t[:, 3] - t[:, 0])[:, None] / 3.0
+    windows = np.lib.stride_tricks.sliding_window_view(t, _WEIGHT_COUNT) / step  # four times of each row
+    time_differences = windows[:, :, None] - windows[:, None, :]
+    time_differences[:, np.arange(_WEIGHT_COUNT), np.arange(_WEIGHT_COUNT)] = 1.0  # no factor for j = k
+    relative_span = (windows[:, 3] - windows[:, 0])[:, None] / 3.0  # 1 on a uniform grid
     return np.asarray(6.0 / time_differences.prod(axis=2) * np.sqrt(relative_span))
 
 
 def _apply(weights: Array, x: Array) -> Array:
     """D x, from the weights (n-3, 4, …) of D's rows."""
-    return np.asarray(sum(weights[:, k] * x[k : k + len(weights)] for k in range(4)))
+    return np.asarray(sum(weights[:, k] * x[k : k + len(weights)] for k in range(_WEIGHT_COUNT)))
 
 
 def best_strength(
@@ -106,7 +113,7 @@ def best_strength(
     """
     if noise == 0.0:
         return 0.0
-    best_so_far = 0.0
+    best = 0.0
     least_criterion = math.inf
     samples_per_error = alike_samples(parts, grid, noise)
     parts = [_without_glitches(t, x, noise, step) for t, x in zip(times, parts, strict=True)]
@@ -124,8 +131,9 @@ def best_strength(
             continue  # the motion is too fast for this strength
         criterion = mean_square / (1.0 - gain) ** 2
         if criterion < least_criterion:
-            best_so_far, least_criterion = strength, criterion
-    return best_so_far
+            best = strength
+            least_criterion = criterion
+    return best
 
 
 def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
@@ -160,25 +168,27 @@ def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
     max_glitches = max(2, _MAX_GLITCH_SHARE * len(x))
     for _ in range(2):  # the curve follows large glitches; without them it shows the smaller ones beside them
         departure = np.abs(x - smooth(t, x, _GLITCH_STRENGTH, step))
-        largest_nearby = maximum_filter1d(departure, 2 * _GLITCH_REACH + 1, mode="nearest")
+        largest_nearby = maximum_filter1d(departure, 2 * _SAMPLES_BESIDE_GLITCH + 1, mode="nearest")
         is_glitch = (departure > _GLITCH_SIGMAS * noise) & (departure >= largest_nearby)
         if not 0 < np.count_nonzero(is_glitch) <= max_glitches:
             break
-        x = np.where(is_glitch, np.interp(t, t[~is_glitch], x[~is_glitch]), x)
+        interpolated = np.interp(t, t[~is_glitch], x[~is_glitch])
+        x = np.where(is_glitch, interpolated, x)
     return x
 
 
 @cache
 def _noise_gain(strength: float) -> float:
     """Mean gain of the smoother over all frequencies on a uniform grid with h = 1; 1 at strength 0."""
-    w = (np.arange(20000) + 0.5) * (math.pi / 20000)
+    w = (np.arange(_FREQUENCY_COUNT) + 0.5) * (math.pi / _FREQUENCY_COUNT)
     return float(np.mean(1.0 / (1.0 + strength * (2.0 * np.sin(w / 2)) ** 6)))
 
 
 def margin_of(strength: float) -> int:
     """Number of samples beyond which the influence of a sample is below 1e-12, on a uniform grid."""
     # The slowest pole of 1/(1 + strength w^6) decays by exp(-½ strength^(-1/6)) a sample.
-    return math.ceil(2.0 * _DECAY * math.pow(max(strength, 1e-3), 1.0 / 6.0)) + 16
+    samples_per_decay = 2.0 * math.pow(max(strength, 1e-3), 1.0 / 6.0)
+    return math.ceil(_MARGIN_DECAY * samples_per_decay) + _MARGIN_RESERVE
 
 
 # ── Samples of a motion as a curve: continuity, derivatives, and configurations between samples
@@ -190,19 +200,20 @@ FEWEST = DEGREE + 1
 
 
 class Between(NamedTuple):
-    """Configurations between two samples, and their place."""
+    """Configurations between two samples, with the indices of these."""
 
     q: Array
     """Configurations (..., nq)."""
     before: Array
+    """Index (...) of the last sample before each configuration."""
     after: Array
-    """Indices (...) of the neighbouring samples."""
+    """Index (...) of the sample after it."""
     share: Array
     """Fraction (..., 1) of the interval, 0 to 1."""
 
 
 def continuous(model: Model, q: Array) -> Array:
-    """Coordinates q (n, nq) without jumps of angles by a turn and sign changes of quaternions."""
+    """Coordinates q (n, nq) without the jumps of angles by a turn, and without sign changes of quaternions."""
     coordinates = Coordinates.from_model(model)
     q = q.astype(float)
     q[:, coordinates.endless] = np.unwrap(q[:, coordinates.endless], axis=0)
@@ -243,15 +254,20 @@ def stretch_edges(t: Array) -> list[int]:
 
 def _largest_step(t: Array) -> float:
     """Largest time step of times (n,); in portions, as a log may have millions of rows."""
-    return max(float(np.diff(t[s.start : s.stop + 1]).max(initial=0.0)) for s in slices(len(t)))
+    largest = 0.0
+    for portion in slices(len(t)):
+        steps = np.diff(t[portion.start : portion.stop + 1])  # + 1: the step to the next portion
+        largest = max(largest, float(steps.max(initial=0.0)))
+    return largest
 
 
 def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
     """First and second derivatives (n, k) at the samples (n, k), by a quintic spline per stretch between pauses."""
-    first, second = np.empty(x.shape), np.empty(x.shape)
+    dx = np.empty(x.shape)
+    ddx = np.empty(x.shape)
     for begin, end in pairwise(stretch_edges(t)):
-        first[begin:end], second[begin:end] = _spline_rates(t[begin:end], x[begin:end])
-    return first, second
+        dx[begin:end], ddx[begin:end] = _spline_rates(t[begin:end], x[begin:end])
+    return dx, ddx
 
 
 def _spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
@@ -284,7 +300,8 @@ def between(robot: Robot, time: Array, q: Array, t: Array) -> Between:
     step = time[after] - time[before]
     share = np.clip((t - time[before]) / np.where(step > 0, step, 1.0), 0.0, 1.0)[..., None]
     twists = _twists_between(robot, q[before], q[after])
-    return Between(robot.add(q[before], share * twists), before, after, share)
+    q_between = robot.add(q[before], share * twists)
+    return Between(q_between, before, after, share)
 
 
 def _neighbours(time: Array, t: Array) -> tuple[Array, Array]:
@@ -297,8 +314,9 @@ def _neighbours(time: Array, t: Array) -> tuple[Array, Array]:
 def _twists_between(robot: Robot, q0: Array, q1: Array) -> Array:
     """Joint twists (..., nv) from one configuration to the other in unit time."""
     twists = np.asarray(robot.subtract(q1, q0))
-    endless = [body.v_index for body in robot.model.leaders if body.joint.nv == 1 and body.joint.wraps]
-    twists[..., endless] -= 2 * np.pi * np.round(twists[..., endless] / (2 * np.pi))  # a log may jump by a turn
+    endless_joints = [body.v_index for body in robot.model.leaders if body.joint.nv == 1 and body.joint.wraps]
+    whole_turns = np.round(twists[..., endless_joints] / (2 * np.pi))  # a log may jump by a turn
+    twists[..., endless_joints] -= 2 * np.pi * whole_turns
     return twists
 
 
@@ -317,18 +335,19 @@ def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t
     h = np.where(h > 0, h, 1.0)
     s = np.clip((t - time[before])[..., None] / h, 0.0, 1.0)
     twists = _twists_between(robot, q[before], q[after])
-    several = [body.places[1] for body in robot.model.leaders if body.joint.nv > 1]  # entries of such joints
+    # Entries of the joints with several degrees of freedom.
+    joint_entries = [body.places[1] for body in robot.model.leaders if body.joint.nv > 1]
     brackets_matrix = None
     v1, a1 = dq[after], ddq[after]
-    if several:
+    if joint_entries:
         brackets_matrix = _brackets(robot.model)
         v1, a1 = _rates(brackets_matrix, twists, v1, a1)
     v0, a0 = h * dq[before], h * h * ddq[before]
     v1, a1 = h * v1, h * h * a1
-    # Bound of the polynomial's second derivative beyond the line from a0 to a1.
+    # Bound of how far the polynomial's second derivative departs from the line between a0 and a1.
     extra_acceleration = 60 * np.abs(twists - 0.5 * (v0 + v1) + (a1 - a0) / 12) + 6 * np.abs(v1 - v0 - 0.5 * (a0 + a1))
     is_consistent = extra_acceleration <= _MAX_EXTRA_ACCELERATION * np.maximum(np.abs(a0), np.abs(a1))
-    for entries in several:
+    for entries in joint_entries:
         is_consistent[..., entries] = is_consistent[..., entries].all(axis=-1, keepdims=True)
     # What v0 s + a0 s²/2 and its two derivatives miss at s = 1; c3, c4 and c5 make it up.
     e0, e1, e2 = twists - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
@@ -358,15 +377,17 @@ def _ad(brackets_matrix: Array, x: Array) -> Array:
 
 
 def _term_count(x: Array) -> int:
-    """Number of significant terms of the series, which decrease at least as (|ad x|/2π)ⁿ."""
+    """Number of significant terms of both series: the n-th term decreases at least as (|ad x|/2π)ⁿ."""
     bound_of_ad = min(2.0 * float(np.abs(x).max(initial=1e-3)), 4.0)
     return min(len(_FORWARD), math.ceil(_MAX_LOG_DECREASE / math.log(2 * math.pi / bound_of_ad)))
 
 
 def _twists(brackets_matrix: Array, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
     """V and dV for q = q_k ⊕ x, from the derivatives of x."""
-    A, dA = _ad(brackets_matrix, x), _ad(brackets_matrix, dx)
-    term, term_rate = dx[..., None], ddx[..., None]
+    A = _ad(brackets_matrix, x)
+    dA = _ad(brackets_matrix, dx)
+    term = dx[..., None]
+    term_rate = ddx[..., None]
     V, dV = term, term_rate
     for c in _FORWARD[1 : _term_count(x)]:
         term, term_rate = A @ term, dA @ term + A @ term_rate  # (ad x)ⁿ dx, and its derivative
@@ -393,8 +414,9 @@ def _series(n: int) -> tuple[Array, Array]:
     """Coefficients of (1 - e⁻ˣ)/x and of x/(1 - e⁻ˣ), up to xⁿ⁻¹."""
     forward = [Fraction((-1) ** i, math.factorial(i + 1)) for i in range(n)]
     inverse = [Fraction(1)]
-    for i in range(1, n):  # the product of the series is 1, so that the sum of forward[j] inverse[i - j] is zero
-        inverse.append(-sum((forward[j] * inverse[i - j] for j in range(1, i + 1)), Fraction(0)))
+    for i in range(1, n):  # the product of the series is 1, so the sum of forward[j] inverse[i - j] over j is zero
+        known_terms = (forward[j] * inverse[i - j] for j in range(1, i + 1))
+        inverse.append(-sum(known_terms, Fraction(0)))
     return np.array(forward, float), np.array(inverse, float)
 
 
@@ -403,4 +425,4 @@ _MAX_LOG_DECREASE = 39.0
 _MAX_EXTRA_ACCELERATION = 0.1
 """Largest acceleration that the polynomial may add to the straight line, relative to the larger of the two samples."""
 _FORWARD, _INVERSE = _series(27)
-"""The truncation error is 1e-8 for half a revolution between two samples, and negligible for 1 rad."""
+"""Coefficients of both series. For half a revolution between two samples the truncation error is 1e-8."""

@@ -104,8 +104,8 @@ class RobotReport(Answer):
             The file exists, and ``overwrite`` is False.
         """
         target = refuse_existing(as_path(path), overwrite=overwrite)
-        with replacing(target) as scratch:
-            scratch.write_text(limits_csv(self.robot), encoding="utf-8", newline="")
+        with replacing(target) as temporary_file:
+            temporary_file.write_text(limits_csv(self.robot), encoding="utf-8", newline="")
         return target
 
 
@@ -132,4 +132,5 @@ def info(robot: Robot | str | Path, *, degrees: bool = False) -> RobotReport:
     >>> tw.info("ur5")
     <RobotReport of ur5: DONE>
     """
-    return RobotReport(robot if isinstance(robot, Robot) else load(robot), degrees)
+    loaded_robot = robot if isinstance(robot, Robot) else load(robot)
+    return RobotReport(loaded_robot, degrees)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from ..motion.motion_file import open_motion_file, text_columns
 from ..motion.readers.csv_reader import CsvFile
 
 GAP = 3.0
-"""Ratio to the median step above which a step is a gap."""
-
-
-_EXCERPTS = 16, 4096
-"""Number of excerpts of a large file, and rows of each, from which grid and noise are estimated."""
+"""Ratio to the median step from which a step is a gap."""
+_EXCERPT_COUNT = 16
+"""Number of excerpts of a large file from which grid and noise are estimated."""
+_EXCERPT_ROWS = 4096
+"""Number of rows of an excerpt."""
+_BYTES_PER_NUMBER = 8
 _MIN_ROWS_FOR_NOISE = 16
 """Smallest number of rows of an excerpt for an estimate of the noise."""
 _MIN_SATURATED_SHARE = 0.01
@@ -47,7 +49,7 @@ class LogColumn:
     noise: float
     """Standard deviation of the noise; 0 if none is found."""
     cut: float
-    """Share of the rows at the saturated extreme; 0 if the column is not saturated."""
+    """Share of the rows that are cut off at an extreme by saturation; 0 if the column is not saturated."""
     dead: bool
     """True if the column is constant."""
     zeros: float = 0.0
@@ -105,39 +107,42 @@ class LogQuality:
         table = file.table(used)
         if not len(table):
             raise TrajectoryError(f"{path}: no rows after the header.")
-        time_name, clock = "", (np.nan, np.nan, 0, np.nan, 0, 0, np.nan)
+        time_name = ""
+        clock = _Clock()
         value_columns = list(range(len(header)))
         time_column = _time_column(header, table)
         if time_column is not None:
             k, factor = time_column
-            time_name, clock = header[k], _clock_figures(table[:, k] * factor)
+            time_name = header[k]
+            clock = _clock_figures(table[:, k] * factor)
             value_columns.remove(k)
         blocks = [table]
-        bytes_per_number = 8
-        if bytes_per_number * table.size > MAX_TABLE_IN_MEMORY:
-            blocks = excerpts(table, *_EXCERPTS)
+        if _BYTES_PER_NUMBER * table.size > MAX_TABLE_IN_MEMORY:
+            blocks = excerpts(table, _EXCERPT_COUNT, _EXCERPT_ROWS)
         columns = tuple(_column_quality(header[k], table, blocks, k) for k in value_columns)
         return cls(file.path, len(table), time_name, *clock, columns, tuple(notes))
 
 
 def _grid_and_noise(blocks: list[Array]) -> tuple[float, float]:
     """Quantisation step and noise of the numbers in several blocks of rows; 0 for those that are not found."""
-    if min(map(np.min, blocks)) == max(map(np.max, blocks)):
+    is_constant = min(map(np.min, blocks)) == max(map(np.max, blocks))
+    if is_constant:
         return 0.0, 0.0
     grid = quantum(blocks)
     if min(map(len, blocks)) < _MIN_ROWS_FOR_NOISE:
         return grid, 0.0
     row_numbers = [np.arange(len(block), dtype=float) for block in blocks]
     columns = [block[:, None] for block in blocks]
-    return grid, float(noise(row_numbers, columns, grid)[0])
+    (sigma,) = noise(row_numbers, columns, grid)
+    return grid, float(sigma)
 
 
 def _time_column(header: Sequence[str], table: Array) -> tuple[int, float] | None:
-    """Number of the time column and its factor to seconds; None if there is none.
+    """Index of the time column and its factor to seconds; None if there is none.
 
-    The unit is that of the heading, else that of a name such as ``nsec``, else that of numbers that count from 1970, else s.
+    The unit is in the heading; or it follows from a name such as ``nsec``, or from numbers that count from 1970; else it is s.
     """
-    candidates = []
+    candidates: list[tuple[int, int, float]] = []  # rank, column, factor
     for k, cell in enumerate(header):
         name, unit = split_unit(cell)
         meaning = time_meaning(name)
@@ -151,32 +156,47 @@ def _time_column(header: Sequence[str], table: Array) -> tuple[int, float] | Non
     return k, factor
 
 
-def _clock_figures(t: Array) -> tuple[float, float, int, float, int, int, float]:
-    """Fields of :class:`LogQuality` from ``seconds`` to ``jitter``, by the times (n,)."""
+class _Clock(NamedTuple):
+    """Fields of :class:`LogQuality` from ``seconds`` to ``jitter``, in their order."""
+
+    seconds: float = np.nan
+    rate: float = np.nan
+    gaps: int = 0
+    longest: float = np.nan
+    repeated: int = 0
+    backward: int = 0
+    jitter: float = np.nan
+
+
+def _clock_figures(t: Array) -> _Clock:
+    """Figures of the clock from its times (n,) [s]."""
     steps = np.diff(t)
-    ahead = steps[steps > 0]
-    median = float(np.median(ahead)) if ahead.size else np.nan
-    regular = ahead[ahead < GAP * median]
-    duration = float(t[-1] - t[0])
-    rate = 1.0 / median
-    gaps = int((ahead >= GAP * median).sum())
-    longest = float(ahead.max(initial=0.0))
-    repeated = int((steps == 0).sum())
-    backward = int((steps < 0).sum())
-    jitter = float(regular.std()) if regular.size else np.nan
-    return duration, rate, gaps, longest, repeated, backward, jitter
+    forward_steps = steps[steps > 0]
+    median = float(np.median(forward_steps)) if forward_steps.size else np.nan
+    regular_steps = forward_steps[forward_steps < GAP * median]
+    return _Clock(
+        seconds=float(t[-1] - t[0]),
+        rate=1.0 / median,
+        gaps=int((forward_steps >= GAP * median).sum()),
+        longest=float(forward_steps.max(initial=0.0)),
+        repeated=int((steps == 0).sum()),
+        backward=int((steps < 0).sum()),
+        jitter=float(regular_steps.std()) if regular_steps.size else np.nan,
+    )
 
 
 def _column_quality(name: str, table: Array, blocks: Sequence[Array], k: int) -> LogColumn:
-    """Quality of column k; grid and noise are those of its numbers in ``blocks`` of rows."""
+    """Quality of column k; grid and noise follow from its numbers in ``blocks`` of rows."""
     x = table[:, k]
-    least, most = float(x.min()), float(x.max())
+    least = float(x.min())
+    most = float(x.max())
     is_constant = least == most
     # Many zeros are not saturation: a sensor may rest at an end of its range that is zero.
     counts = [int((x == extreme).sum()) for extreme in (least, most) if extreme != 0]
     rows_at_extreme = max(counts, default=0)
+    min_rows = max(_MIN_SATURATED_ROWS, _MIN_SATURATED_SHARE * len(x))
     saturated_share = 0.0
-    if not is_constant and rows_at_extreme >= max(_MIN_SATURATED_ROWS, _MIN_SATURATED_SHARE * len(x)):
+    if not is_constant and rows_at_extreme >= min_rows:
         saturated_share = rows_at_extreme / len(x)
     grid, sigma = _grid_and_noise([block[:, k] for block in blocks])
     zero_share = float((x == 0).mean())

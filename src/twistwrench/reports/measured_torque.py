@@ -26,19 +26,19 @@ _NOISE_FACTOR = 1.5
 _MIN_CORRELATION = 0.9
 """Correlation above which one torque is a multiple of the other."""
 _MIN_SUPPORTED_SHARE = 0.5
-"""Share of a computed torque above which the measured one supports it."""
-_ROWS_AROUND = 10
-"""Rows on either side of the largest computed torque in which the largest measured one is taken."""
+"""Share of a computed torque above which the measured torque supports it."""
+_ROWS_BESIDE_PEAK = 10
+"""Number of rows on either side of the largest computed torque in which the largest measured torque is taken."""
 _MIN_CUT_SHARE = 0.02
 """Minimum share of the rows at the extreme of a saturated column."""
 _MIN_CUT_ROWS = 30
 """Minimum number of rows at the extreme of a saturated column."""
 _MIN_VARIATION = 0.05
-"""Minimum relative variation of the computed torque in these rows.
+"""Minimum variation of the computed torque in these rows, relative to its usual variation.
 
 It also exceeds the step from the extreme to the next value, since a robot at rest and coarse torques repeat numbers too."""
 _MIN_SHARE_OF_EXTREME = 0.01
-"""Share of the extreme that the variation of the computed torque is relative to, at least."""
+"""Smallest usual variation of the computed torque, as a share of the extreme."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class MeasuredTorque:
     matters: bool
     """True if the joint's torques are a substantial part of the robot's."""
     cut: float = 0.0
-    """Share of the rows at the saturated extreme while the computed torque changes; 0 if not saturated."""
+    """Share of the rows that are cut off at an extreme while the computed torque changes; 0 if not saturated."""
     cut_at: float = 0.0
     """Extreme at which the torque is saturated, with its sign."""
     limit: float = math.inf
@@ -78,7 +78,7 @@ class MeasuredTorque:
     above: float = 0.0
     """Longest time above the limit by more than noise [s]."""
     lasting: bool = False
-    """True if that time is longer than an impact."""
+    """True if the time above the limit is longer than an impact."""
     computed_peak: float = math.nan
     """Computed torque of largest magnitude, with its sign."""
     beside: float = math.nan
@@ -124,14 +124,15 @@ class MeasuredTorque:
     @property
     def differs(self) -> bool:
         """True if measured and computed torque differ grossly, possibly by noise."""
-        largest_residual = _MAX_RELATIVE_RESIDUAL * max(self.computed, self.measured)
-        return self.matters and not self.dead and self.residual > largest_residual
+        max_residual = _MAX_RELATIVE_RESIDUAL * max(self.computed, self.measured)
+        return self.matters and not self.dead and self.residual > max_residual
 
     @property
     def disagrees(self) -> bool:
         """True if measured and computed torque differ by more than noise explains."""
         residual = _rms_without_noise(self.residual, self.noise)
-        return self.differs and residual > _MAX_RELATIVE_RESIDUAL * max(self._computed_without_noise, self.measured)
+        max_residual = _MAX_RELATIVE_RESIDUAL * max(self._computed_without_noise, self.measured)
+        return self.differs and residual > max_residual
 
     @property
     def contradicts(self) -> bool:
@@ -141,6 +142,7 @@ class MeasuredTorque:
 
     @property
     def _is_opposite(self) -> bool:
+        """True if the measured torque is a negative multiple of the computed one."""
         return self.correlation < -_MIN_CORRELATION
 
     @property
@@ -150,6 +152,7 @@ class MeasuredTorque:
 
     @property
     def _computed_without_noise(self) -> float:
+        """RMS of the computed torque without the part of noise."""
         return _rms_without_noise(self.computed, self.noise)
 
     @property
@@ -167,7 +170,7 @@ class MeasuredTorque:
 
 
 def _rms_without_noise(rms: float, noise: float) -> float:
-    """RMS without the part of independent noise, taken 1.5 times as large as estimated."""
+    """RMS without the part of independent noise, which counts as 1.5 times as large as estimated."""
     return math.sqrt(max(0.0, rms**2 - (_NOISE_FACTOR * noise) ** 2))
 
 
@@ -179,43 +182,47 @@ class _AtExtreme(NamedTuple):
 
     value: Array
     """Maximum (columns,)."""
-    next: Array
-    """Largest value below the maximum (columns,)."""
+    next_value: Array
+    """Largest value below the maximum (columns,); -inf if there is none."""
     sums: Array
-    """(3, columns) number of rows, sum and sum of squares of the computed torque."""
+    """(3, columns) number of rows at the maximum, sum and sum of squares of the computed torque there."""
 
     @classmethod
     def from_rows(cls, computed: Array, measured: Array) -> _AtExtreme:
         """Rows of torques (n, columns)."""
         value = measured.max(axis=0)
-        is_there = np.where(measured == value, 1.0, 0.0)
-        sums = np.array([is_there.sum(axis=0), (is_there * computed).sum(axis=0), (is_there * computed**2).sum(axis=0)])
+        at_maximum = np.where(measured == value, 1.0, 0.0)
+        counts = at_maximum.sum(axis=0)
+        torque_sums = (at_maximum * computed).sum(axis=0)
+        square_sums = (at_maximum * computed**2).sum(axis=0)
         next_value = np.where(measured < value, measured, -np.inf).max(axis=0)
-        return cls(value, next_value, sums)
+        return cls(value, next_value, np.array([counts, torque_sums, square_sums]))
 
     @classmethod
     def from_parts(cls, parts: Sequence[_AtExtreme]) -> _AtExtreme:
         """Rows of several parts."""
         values, next_values, sums = map(np.stack, zip(*parts, strict=True))
         value = values.max(axis=0)
-        # of a part with a smaller maximum, that maximum is the next value
+        # In a part with a smaller maximum, this maximum may be the next value.
         next_value = np.where(values < value, values, next_values).max(axis=0)
-        sums_there = np.where((values == value)[:, None], sums, 0.0).sum(axis=0)
-        return cls(value, next_value, sums_there)
+        has_maximum = (values == value)[:, None]
+        sums_at_maximum = np.where(has_maximum, sums, 0.0).sum(axis=0)
+        return cls(value, next_value, sums_at_maximum)
 
     def cut(self, rows: int, variance: Array) -> Array:
-        """(columns,) share of these rows if they are many and the computed torque varies among them; else 0.
+        """Share (columns,) of the rows at the maximum if they are many and the computed torque varies among them; else 0.
 
-        ``rows`` is the number of all rows, ``variance`` that of the computed torque in them.
+        ``rows`` is the number of all rows, ``variance`` (columns,) the variance of the computed torque in all rows.
         """
-        count, total, squares = self.sums
+        count, torque_sum, square_sum = self.sums
         n = np.maximum(count, 1.0)
-        variance_there = squares / n - (total / n) ** 2
+        variance_at_maximum = square_sum / n - (torque_sum / n) ** 2
         usual_variance = np.maximum(variance, (_MIN_SHARE_OF_EXTREME * self.value) ** 2)
-        step = np.where(np.isfinite(self.next), self.value - self.next, 0.0)
-        varies = variance_there > np.maximum(_MIN_VARIATION**2 * usual_variance, step**2)
-        many = (count >= _MIN_CUT_ROWS) & (count >= _MIN_CUT_SHARE * rows) & (self.value != 0.0)
-        return np.where(many & varies, count / rows, 0.0)
+        step = np.where(np.isfinite(self.next_value), self.value - self.next_value, 0.0)
+        varies = variance_at_maximum > np.maximum(_MIN_VARIATION**2 * usual_variance, step**2)
+        are_many = (count >= _MIN_CUT_ROWS) & (count >= _MIN_CUT_SHARE * rows)
+        is_cut = are_many & varies & (self.value != 0.0)  # a torque may be exactly zero
+        return np.where(is_cut, count / rows, 0.0)
 
 
 class _Sums(NamedTuple):
@@ -231,7 +238,7 @@ class _Sums(NamedTuple):
     @classmethod
     def from_rows(cls, c: Array, m: Array, sigma: Array) -> _Sums:
         """Sums of torques (n, columns) and of the standard deviation of c."""
-        sums = np.array([x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)])
+        sums = np.array([values.sum(axis=0) for values in (c, m, c * c, m * m, c * m)])
         return cls(len(c), sums, (sigma**2).sum(axis=0))
 
     @classmethod
@@ -242,7 +249,7 @@ class _Sums(NamedTuple):
 
 
 class TorqueComparison(NamedTuple):
-    """Measured and computed torques of some rows, compared in sound rows, and in all rows only if none is sound."""
+    """Measured and computed torques of some rows. They are compared in sound rows; if none is sound, in all rows."""
 
     all_rows: _Sums
     """Sums over all rows."""
@@ -253,11 +260,11 @@ class TorqueComparison(NamedTuple):
     computed: Extrema
     """Largest magnitudes of the computed torques."""
     beside: Array
-    """Largest magnitude of the measured torque (columns,) near the largest computed one."""
+    """Largest magnitude (columns,) of the measured torque near the row of the largest computed torque."""
     highest: _AtExtreme
     """Rows at the maximum of the measured torque."""
     lowest: _AtExtreme
-    """Rows at its minimum, with the sign turned."""
+    """Rows at the minimum of the measured torque, with the sign turned."""
 
     @classmethod
     def from_rows(cls, time: Array, c: Array, m: Array, sigma: Array, doubted: Array) -> TorqueComparison:
@@ -267,7 +274,7 @@ class TorqueComparison(NamedTuple):
         """
         beside = []
         for column, row in enumerate(np.abs(c).argmax(axis=0).tolist()):
-            rows_around = slice(max(0, row - _ROWS_AROUND), row + _ROWS_AROUND + 1)
+            rows_around = slice(max(0, row - _ROWS_BESIDE_PEAK), row + _ROWS_BESIDE_PEAK + 1)
             beside.append(np.abs(m[rows_around, column]).max())
         is_sound = ~doubted
         return cls(
@@ -297,11 +304,12 @@ class TorqueComparison(NamedTuple):
         )
 
     def _sums_to_compare(self) -> _Sums:
+        """Sums over sound rows; over all rows if none is sound."""
         return self.sound if self.sound.rows else self.all_rows
 
     @property
     def misfit(self) -> float:
-        """Sum over joints of the squared residual (c - m)² relative to c² + m²; 0 to 2 each."""
+        """Sum over joints of the squared residual (c - m)² relative to c² + m²; each joint adds 0 to 2."""
         _, _, cc, mm, cm = self._sums_to_compare().sums
         squares = cc + mm
         return float(_ratios(squares - 2 * cm, squares).sum())
@@ -309,15 +317,15 @@ class TorqueComparison(NamedTuple):
     def torques(
         self, names: tuple[str, ...], units: tuple[str, ...], limits: Array, over: TimeAbove, step: float
     ) -> tuple[MeasuredTorque, ...]:
-        """Torques of each joint, with the limits (columns,), the time above them, and the usual step of time [s]."""
-        compared = self._sums_to_compare()
-        n = compared.rows
-        c, m, cc, mm, cm = compared.sums
+        """Torques of each joint, by the limits (columns,), the time above them, and the usual time step [s]."""
+        compared_sums = self._sums_to_compare()
+        n = compared_sums.rows
+        c, m, cc, mm, cm = compared_sums.sums
         computed = np.sqrt(cc / n)
         measured = np.sqrt(mm / n)
-        noise = np.sqrt(compared.noise / n)
+        noise = np.sqrt(compared_sums.noise / n)
         residual = np.sqrt(np.maximum(cc + mm - 2 * cm, 0.0) / n)
-        # sums of squares and products about the means
+        # Sums of squares and products about the means.
         computed_variance = np.maximum(cc - c * c / n, 0.0)
         measured_variance = np.maximum(mm - m * m / n, 0.0)
         covariance = cm - c * m / n
@@ -325,14 +333,15 @@ class TorqueComparison(NamedTuple):
         correlation = _ratios(covariance, np.sqrt(computed_variance * measured_variance))
         size = np.maximum(computed, measured)
         matters = size > _MIN_SHARE_OF_LARGEST * _largest_of_unit(size, units)
-        most = self.highest.value
-        least = -self.lowest.value
-        constant = most - least <= _MAX_VARIATION_OF_CONSTANT * np.maximum(np.abs(most), np.abs(least))
+        maximum = self.highest.value
+        minimum = -self.lowest.value
+        largest_size = np.maximum(np.abs(maximum), np.abs(minimum))
+        is_constant = maximum - minimum <= _MAX_VARIATION_OF_CONSTANT * largest_size
         cut_above = self.highest.cut(self.all_rows.rows, computed_variance / n)
         cut_below = self.lowest.cut(self.all_rows.rows, computed_variance / n)
-        cut = np.maximum(cut_above, cut_below)
-        cut_at = np.where(cut_above >= cut_below, most, least)
-        lasting = over.is_lasting(step)
+        cut_share = np.maximum(cut_above, cut_below)
+        cut_torque = np.where(cut_above >= cut_below, maximum, minimum)
+        is_lasting = over.is_lasting(step)
         time_above = np.where(over.rows, over.length + step, 0.0)
         torques = []
         for k, name in enumerate(names):
@@ -347,13 +356,13 @@ class TorqueComparison(NamedTuple):
                 correlation=float(correlation[k]),
                 peak=float(self.measured.signed[k]),
                 time=float(self.measured.time[k]),
-                dead=bool(constant[k]),
+                dead=bool(is_constant[k]),
                 matters=bool(matters[k]),
-                cut=float(cut[k]),
-                cut_at=float(cut_at[k]),
+                cut=float(cut_share[k]),
+                cut_at=float(cut_torque[k]),
                 limit=float(limits[k]),
                 above=float(time_above[k]),
-                lasting=bool(lasting[k]),
+                lasting=bool(is_lasting[k]),
                 computed_peak=float(self.computed.signed[k]),
                 beside=float(self.beside[k]),
             )
@@ -362,12 +371,13 @@ class TorqueComparison(NamedTuple):
 
 
 def _ratios(numerators: Array, denominators: Array) -> Array:
-    """Ratios with positive denominators; 0 for others."""
-    positive = denominators > 0
-    return np.where(positive, numerators / np.where(positive, denominators, 1.0), 0.0)
+    """Ratios where denominators are positive, 0 elsewhere."""
+    is_positive = denominators > 0
+    divisors = np.where(is_positive, denominators, 1.0)
+    return np.where(is_positive, numerators / divisors, 0.0)
 
 
 def _largest_of_unit(sizes: Array, units: Sequence[str]) -> Array:
-    """Largest size (n,) among those of the same unit."""
+    """For each entry, the largest size (n,) among the entries with its unit."""
     all_units = np.array(units)
     return np.array([sizes[all_units == unit].max() for unit in units])

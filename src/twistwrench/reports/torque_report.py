@@ -40,14 +40,17 @@ if TYPE_CHECKING:
     from ..statics.support import Support
 
 ZERO = 1e-9
+"""Fraction of the robot's largest torque up to which a torque is a rounding error."""
 MIN_REFERENCE_SHARE = 0.02
 """Fraction of the robot's largest torque, or of the joint's limit, below which a peak is not a reference for noise."""
 MIN_NOISE_SHARE = 0.001
 """Fraction of a peak above which noise is estimated and shown in a column."""
-_ROWS = 8192
-"""Rows of a slice."""
-_AT_AN_END = 5.0
-"""Factor of the uncertainty of derived accelerations at the ends of a log."""
+_CHUNK_ROWS = 8192
+"""Number of states whose torques are computed together."""
+_UNCERTAINTY_FACTOR_AT_ENDS = 5.0
+"""Uncertainty of a peak at an end of the log, over that of an equal peak in its middle."""
+_STEPS_NEAR_END = 3
+"""Sampling steps from an end of the log within which derived accelerations are less accurate, without smoothing."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class JointTorque:
 
     @property
     def chance(self) -> float:
-        """Correction for the selection of the largest of many noisy torques; the peak is the sum of the causes and this."""
+        """Correction for selecting the largest of many noisy torques: :attr:`peak` minus :attr:`largest`."""
         return self.peak - self.largest
 
     @property
@@ -104,13 +107,13 @@ class JointTorque:
     @property
     def main_cause(self) -> tuple[str, float]:
         """Largest term in the direction of the peak, and its share of the sum of terms in this direction."""
-        along = np.array(list(self.terms.values())) * np.sign(self.largest)
-        main = int(along.argmax())
-        name = list(self.terms)[main]
-        total = sum(along[along > 0])
+        torques_along_peak = np.array(list(self.terms.values())) * np.sign(self.largest)
+        main_index = int(torques_along_peak.argmax())
+        name = list(self.terms)[main_index]
+        total = sum(torques_along_peak[torques_along_peak > 0])
         if not total:
             return name, 0.0
-        return name, float(along[main] / total)
+        return name, float(torques_along_peak[main_index] / total)
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,7 @@ class NearLimit:
     kind: str
     """``velocity`` or ``position``."""
     share: float
-    """Share of the limit; of half the range from its middle for a position."""
+    """Velocity over its limit; for a position, distance from the middle of its range over half the range."""
     time: float
 
 
@@ -252,7 +255,7 @@ class TorqueReport(Answer):
     motors: tuple[MotorUse, ...]
     """Demands of the motion on the described motors."""
     around: MotionSamples
-    """States around the worst joint's peak, at most a few thousand; all states of a short motion."""
+    """At most a few thousand states before and after the worst joint's peak; all states of a short motion."""
     doubts: tuple[Doubt, ...] = ()
     """Doubts and notes about the log that do not require dynamics."""
     measured: tuple[MeasuredTorque, ...] = ()
@@ -294,7 +297,7 @@ class TorqueReport(Answer):
 
     @property
     def bolt_loads(self) -> Array | None:
-        """(n, bolts, 2): axial load, with the preload, and shear load [N]; it pulls if above 0; None without bolts."""
+        """(n, bolts, 2): axial load with the preload, pulling if above 0, and shear load [N]; None without bolts."""
         return None if self.held.mounting is None else self.held.mounting.bolts
 
     @property
@@ -304,7 +307,7 @@ class TorqueReport(Answer):
 
     @property
     def grip_force(self) -> Array | None:
-        """(n,): force of the fingers, or vacuum force, that the payload needs [N]; inf if none holds it; None without grip."""
+        """(n,): force of the fingers, or vacuum force, that holds the payload [N]; inf if no force does; None without grip."""
         return None if self.held.grip is None else self.held.grip.needed
 
     @property
@@ -341,8 +344,10 @@ class TorqueReport(Answer):
         """Worst joint with its share of its torque limit, or the joint beyond another limit if only that is exceeded."""
         if self.worst is None:
             return ""
-        if self.verdict.word is Word.OVER_LIMIT and self.excesses and self.excesses[0].kind != "effort":
-            return f"{self.excesses[0].joint}, {self.excesses[0].kind} limit"
+        if self.verdict.word is Word.OVER_LIMIT and self.excesses:
+            excess = self.excesses[0]
+            if excess.kind != "effort":
+                return f"{excess.joint}, {excess.kind} limit"
         joint = self.joints[self.worst]
         if math.isfinite(joint.limit):
             return f"{joint.joint} {percent_of_limit(joint.share)}"
@@ -402,10 +407,10 @@ class TorqueReport(Answer):
         """
         from ..core.answers.card import Shares
 
-        time, least, most = self.envelope
-        effort = np.where(np.isfinite(self.limits.effort), self.limits.effort, np.nan)
-        values = np.maximum(np.abs(least), np.abs(most)) / effort
-        return Shares(time, values, [joint.joint for joint in self.joints])
+        times, min_torques, max_torques = self.envelope
+        effort = np.where(np.isfinite(self.limits.effort), self.limits.effort, np.nan)  # nan: no share without a limit
+        limit_shares = np.maximum(np.abs(min_torques), np.abs(max_torques)) / effort
+        return Shares(times, limit_shares, [joint.joint for joint in self.joints])
 
     # ── Figures
 
@@ -436,8 +441,11 @@ class TorqueReport(Answer):
         -------
         tau : (n, nv) array
         """
-        parts = [self.load.drive_torques(self.load.torques(s)) for s in self.differentiation.states(_ROWS)]
-        return np.concatenate(parts)
+        torque_chunks: list[Array] = []
+        for states in self.differentiation.states(_CHUNK_ROWS):
+            joint_torques = self.load.torques(states)
+            torque_chunks.append(self.load.drive_torques(joint_torques))
+        return np.concatenate(torque_chunks)
 
     def to_csv(self, path: str | Path, *, split: bool = False) -> Path:
         """Write time and torques as a table.
@@ -558,10 +566,10 @@ class TorqueReport(Answer):
         -------
         torque : float [N m or N]
         """
-        largest = self.scale
+        largest_torque = self.scale
         if np.isfinite(joint.limit):
-            largest = max(joint.limit, largest)
-        return max(abs(joint.peak), MIN_REFERENCE_SHARE * largest)
+            largest_torque = max(joint.limit, largest_torque)
+        return max(abs(joint.peak), MIN_REFERENCE_SHARE * largest_torque)
 
     def at_an_end(self, joint: JointTorque) -> bool:
         """True if the joint's peak is at an end of the log, where derived accelerations are less accurate.
@@ -574,13 +582,14 @@ class TorqueReport(Answer):
         -------
         near : bool
         """
-        d = self.differentiation
-        if d.source == "given":
+        derivation = self.differentiation
+        if derivation.source == "given":
             return False
-        steps = 3
-        if d.smooths:
-            steps = math.ceil(d.strengths.max() ** (1 / 6))
-        return bool(np.abs(joint.time - d.ends).min() < steps * self.quality.step)
+        step_count = _STEPS_NEAR_END
+        if derivation.smooths:
+            step_count = math.ceil(derivation.strengths.max() ** (1 / 6))  # width of the smoothing, in steps
+        time_to_end = np.abs(joint.time - derivation.ends).min()
+        return bool(time_to_end < step_count * self.quality.step)
 
     def reach(self, joint: JointTorque) -> float:
         """Standard deviation of the peak, several times larger at an end of the log.
@@ -594,7 +603,7 @@ class TorqueReport(Answer):
         sigma : float [N m or N]
         """
         if self.at_an_end(joint):
-            return joint.uncertainty * _AT_AN_END
+            return joint.uncertainty * _UNCERTAINTY_FACTOR_AT_ENDS
         return joint.uncertainty
 
     @property
@@ -606,5 +615,5 @@ class TorqueReport(Answer):
 
 
 def worst_joint(joints: Sequence[JointTorque]) -> int:
-    """Index of the joint with the largest ratio of peak to limit; without limits, with the largest peak."""
+    """Index of the joint with the largest ratio of peak to limit; if the ratios are equal, with the largest peak."""
     return max(range(len(joints)), key=lambda k: (joints[k].share, abs(joints[k].peak)))

@@ -17,7 +17,7 @@ from .arguments import is_symbolic
 
 __all__ = ["clip", "maximum", "minimum", "where_positive"]
 
-_LARGEST = float(np.finfo(float).max)
+_LARGEST_FLOAT = float(np.finfo(float).max)
 
 
 def maximum(a: Any, b: Any) -> Any:
@@ -110,21 +110,24 @@ def where_positive(x: Any, a: Any, b: Any) -> Any:
 
 
 def _larger(t: Trace, a: Expr, b: Expr) -> Expr:
+    """Larger of two symbols; NaN if either is NaN."""
     a, b = _constant_first(a, b)
     return t.max(a, _with_nan_of(t, a, b))
 
 
 def _smaller(t: Trace, a: Expr, b: Expr) -> Expr:
+    """Smaller of two symbols; NaN if either is NaN."""
     a, b = _constant_first(a, b)
     return t.min(a, _with_nan_of(t, a, b))
 
 
 def _clipped(t: Trace, x: Expr, lower: Expr, upper: Expr) -> Expr:
+    """x within its limits; the upper limit if they are reversed."""
     return _smaller(t, upper, _larger(t, lower, x))
 
 
 def _constant_first(a: Expr, b: Expr) -> tuple[Expr, Expr]:
-    """Both operands, a constant first, whose check for NaN needs no instruction."""
+    """Both operands, a constant first if there is one: its check for NaN needs no instruction."""
     return (b, a) if b.op == "const" else (a, b)
 
 
@@ -133,18 +136,18 @@ def _with_nan_of(t: Trace, a: Expr, b: Expr) -> Expr:
     if a.op == "const":
         is_nan = a.value != a.value
         return a if is_nan else b
-    zero_or_nan = t.max(t.constant(2.0), t.sign(a)) - 2.0  # the sign is below 2
-    return t.add(b, zero_or_nan)
+    two_or_nan = t.max(t.constant(2.0), t.sign(a))  # the sign is below 2, or NaN
+    return t.add(b, two_or_nan - 2.0)
 
 
 def _where_positive(t: Trace, x: Expr, a: Expr, b: Expr) -> Expr:
-    """max(min(a, L), min(b, -L)), with L huge for x > 0 and -L otherwise."""
-    huge = _LARGEST * (2.0 * t.max(t.zero, t.sign(x)) - 1.0)
-    return t.max(t.min(a, huge), t.min(b, -huge))
+    """a where x > 0, else b, as max(min(a, L), min(b, -L)): L is the largest number if x > 0, otherwise minus that."""
+    signed_largest = _LARGEST_FLOAT * (2.0 * t.max(t.zero, t.sign(x)) - 1.0)
+    return t.max(t.min(a, signed_largest), t.min(b, -signed_largest))
 
 
 def _each(numpy_function: Callable[..., Any], traced_function: Callable[..., Expr], *operands: Any) -> Any:
-    """NumPy's result for numbers; element by element for broadcast arrays of symbols."""
+    """NumPy's result for numbers; for symbols, the traced function of each element of the broadcast arrays."""
     if not is_symbolic(operands):
         return numpy_function(*operands)
     arrays = [np.asarray(operand, object) for operand in operands]

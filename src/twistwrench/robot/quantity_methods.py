@@ -47,7 +47,7 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
         return self._call("add", q, dv, out=out)
 
     def subtract(self, q1: ArrayLike, q0: ArrayLike, *, out: Any = None) -> Array:
-        """Difference of configurations, q1 ⊖ q0: the dv for which ``add(q0, dv)`` has the pose of q1.
+        """Difference of configurations, q1 ⊖ q0: joint twists dv for which ``add(q0, dv)`` has the pose of q1.
 
         Parameters
         ----------
@@ -142,8 +142,8 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
     ) -> Array:
         """Acceleration of a frame: time derivative dV/dt of its twist, without gravity.
 
-        The derivative is that of the twist's six components. Except for ``kind="world_aligned"``, the acceleration of a
-        body point has the additional term ω × v.
+        The six components of the twist are differentiated one by one. Except for ``kind="world_aligned"``, the acceleration
+        of a body point has the additional term ω × v.
 
         Returns
         -------
@@ -172,7 +172,7 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
 
         Parameters
         ----------
-        friction : bool, add the torque that overcomes the joints' friction, driven or not
+        friction : bool, add the torque that overcomes the friction of all joints, driven or not
             With constraints, load-dependent friction is evaluated at the tree's torques.
 
         Returns
@@ -458,8 +458,8 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
     ) -> Array:
         """Wrenches across the joints (bearing loads), received by each moving body across its joint.
 
-        With constraints, λ of :meth:`inverse_dynamics` acts on both links of each closure, and the wrenches are those of
-        the tree under these loads. The joint of a closure itself carries λ.
+        With constraints, they are the wrenches in the tree, with λ of :meth:`inverse_dynamics` on both links of each
+        closure. The joint of the closure itself carries λ.
 
         Returns
         -------

@@ -40,17 +40,17 @@ _PRIOR_DEVIATION = 1e3
 _MAX_OBSERVABLE_DEVIATION = 10.0
 """kg or kg m: larger standard deviations are those of the prior, so that the unknown is not observable yet."""
 _MAX_GAIN_OF_TIE = 1e-9
-"""Difference of the gains of two poses that may be due to rounding."""
-
-
+"""Difference of the logarithmic gains of two poses up to which they count as equal."""
+_TILT_ROUNDING = 1e-12
+"""Excess of a tilt over the largest tilt [rad] that counts as rounding."""
 POSE = ("qw", "qx", "qy", "qz", "gx", "gy", "gz")
 """Columns of a pose: orientation and direction of gravity."""
 MAX_COM_INTERVAL = 0.1
 """m: a centre of mass with a larger half-width of its interval is not determined."""
-_WITHIN_95 = 1.96
+_INTERVAL_95 = 1.96
 """Half-width of a 95 % interval in standard deviations."""
-_UPRIGHT = math.pi / 2
-"""rad: the doubt names a smaller limit of the tilt."""
+_MIN_FREE_TILT = math.pi / 2
+"""Limit of the tilt [rad] below which a doubt advises larger tilts."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,11 +75,11 @@ class PoseProposal(Answer):
     gravity: Array
     """Gravity (count, 3) in {f} [m/s²]."""
     rotations: Array
-    """R_wf (count, 3, 3) for this gravity: the smallest rotation from upright. Rotation about the vertical is free."""
+    """R_wf (count, 3, 3): the smallest rotation from upright to this gravity; a rotation about the vertical may be added."""
     mass_deviation: Array
     """Standard deviation (count,) of the mass [kg] after each pose, for the given noise; inf until observable."""
     first_moment_deviation: Array
-    """Largest standard deviation (count,) of the first moment m c [kg m] after each pose; over the mass: of c."""
+    """Largest standard deviation (count,) of a component of the first moment m c [kg m] after each pose."""
     mass: float = 1.0
     """Approximate mass of the load [kg]."""
     within: float = math.pi
@@ -100,13 +100,14 @@ class PoseProposal(Answer):
     @property
     def poses(self) -> Array:
         """(count, 7) orientations as quaternions of R_wf, scalar first, and directions of gravity in {f}."""
-        unit = self.gravity / np.linalg.norm(self.gravity, axis=1, keepdims=True)
-        return np.concatenate([quaternion.from_matrix(self.rotations), unit], axis=1)
+        directions = self.gravity / np.linalg.norm(self.gravity, axis=1, keepdims=True)
+        return np.concatenate([quaternion.from_matrix(self.rotations), directions], axis=1)
 
     @property
     def intervals(self) -> Array:
         """(count, 2) half-widths of the 95 % intervals of mass [kg] and centre of mass [m] after each pose."""
-        return _WITHIN_95 * np.stack([self.mass_deviation, self.first_moment_deviation / self.mass], axis=1)
+        com_deviation = self.first_moment_deviation / self.mass
+        return _INTERVAL_95 * np.stack([self.mass_deviation, com_deviation], axis=1)
 
     @property
     def determines_mass(self) -> bool:
@@ -120,15 +121,20 @@ class PoseProposal(Answer):
         if self.determines_mass and com_half_width < MAX_COM_INTERVAL:
             return ()
         if self.determines_mass:
-            undetermined = f"the centre of mass{_half_width_text(1e3 * com_half_width, 'mm')}"
+            interval = _half_width_text(1e3 * com_half_width, "mm")
+            undetermined_quantities = f"the centre of mass{interval}"
         else:  # the centre of mass is the first moment over the mass
-            undetermined = f"the mass{_half_width_text(mass_half_width, 'kg')} or the centre of mass"
+            interval = _half_width_text(mass_half_width, "kg")
+            undetermined_quantities = f"the mass{interval} or the centre of mass"
         poses = "1 pose" if len(self.gravity) == 1 else f"{len(self.gravity)} poses"
         remedy = "Ask for more of them"
-        if self.within < _UPRIGHT:
+        if self.within < _MIN_FREE_TILT:
             poses += f" tilted by up to {number(math.degrees(self.within))}°"
             remedy = f"Allow larger tilts by {spell(Argument('within'))}, such as 60°"
-        return (doubt("sensor-few-poses", those=poses, what=undetermined, mass=number(self.mass), way=remedy),)
+        few_poses = doubt(
+            "sensor-few-poses", those=poses, what=undetermined_quantities, mass=number(self.mass), way=remedy
+        )
+        return (few_poses,)
 
     @property
     def verdict(self) -> Verdict:
@@ -233,25 +239,27 @@ def propose_poses(
         text = "{0} is not a valid mass. Give about how many kilograms the load has."
         raise ValueRangeError(text, Argument("mass", mass))
     unknowns = Unknowns()
-    weight = (1.0 / np.repeat(sigma, 3))[:, None]
-    A = _design(checked_strength(gravity) * directions, unknowns) * weight
+    weights = (1.0 / np.repeat(sigma, 3))[:, None]  # of the three moments and three forces
+    A = _design(checked_strength(gravity) * directions, unknowns) * weights
     information = np.diag(1.0 / (_PRIOR_DEVIATION * unknowns.scales) ** 2)  # M of the source
     earlier_log = None
     if log is not None:
         earlier_log = readings_of(log, gravity, "propose_poses")
-        earlier_rows = _design(earlier_log.gravity, unknowns) * weight
+        earlier_rows = _design(earlier_log.gravity, unknowns) * weights
         information = information + np.einsum("nki,nkj->ij", earlier_rows, earlier_rows)
-    chosen, deviations = [], []
+    chosen_indices: list[int] = []
+    deviations: list[tuple[float, float]] = []  # of the mass and of the first moment, after each pose
     for _ in range(count):
         covariance = np.linalg.inv(information)
-        _, log_gain = np.linalg.slogdet(np.eye(6) + A @ covariance @ np.swapaxes(A, -1, -2))
-        # The first of equally good directions, so that the choice is the same on every machine.
-        best = int(np.flatnonzero(log_gain > log_gain.max() - _MAX_GAIN_OF_TIE)[0])
-        chosen.append(best)
+        _, log_gains = np.linalg.slogdet(np.eye(6) + A @ covariance @ np.swapaxes(A, -1, -2))
+        best_indices = np.flatnonzero(log_gains > log_gains.max() - _MAX_GAIN_OF_TIE)
+        best = int(best_indices[0])  # the first, so that the choice is the same on every machine
+        chosen_indices.append(best)
         information = information + A[best].T @ A[best]
-        load_deviations = np.sqrt(np.diag(np.linalg.inv(information)))[unknowns.load]
+        unknown_deviations = np.sqrt(np.diag(np.linalg.inv(information)))
+        load_deviations = unknown_deviations[unknowns.load]  # of mass and first moment
         deviations.append((load_deviations[0], load_deviations[1:].max()))
-    chosen_gravity = gravity * directions[chosen]
+    chosen_gravity = gravity * directions[chosen_indices]
     rotations = rotations_to_gravity(chosen_gravity)
     mass_deviation, first_moment_deviation = np.array(deviations).T
     mass_deviation[mass_deviation > _MAX_OBSERVABLE_DEVIATION] = math.inf
@@ -260,9 +268,9 @@ def propose_poses(
 
 
 def _design(gravity: Array, unknowns: Unknowns) -> Array:
-    """Design matrix (n, 6, p) of readings at rest under these directions of gravity (n, 3)."""
-    still = ReadingLog(np.zeros((len(gravity), 6)), gravity)
-    return unknowns.design(still, 1.0, SensorState())
+    """Design matrix (n, 6, p) of readings at rest under this gravity (n, 3) [m/s²]."""
+    log_at_rest = ReadingLog(np.zeros((len(gravity), 6)), gravity)
+    return unknowns.design(log_at_rest, 1.0, SensorState())
 
 
 def _candidate_directions(candidates: ArrayLike | None, within: float) -> Array:
@@ -286,12 +294,12 @@ def _candidate_directions(candidates: ArrayLike | None, within: float) -> Array:
             raise ValueRangeError("candidates must be finite and not zero: gravity directions in the sensor's frame.")
         d = d / length
     tilts = np.arccos(np.clip(-d[:, 2], -1.0, 1.0))
-    allowed = d[tilts <= within + 1e-12]
-    if not len(allowed):
+    allowed_directions = d[tilts <= within + _TILT_ROUNDING]
+    if not len(allowed_directions):
         raise ValueRangeError(
             f"no candidate tilts the tool by {printed(math.degrees(within), 3)}° or less. Allow more."
         )
-    return allowed
+    return allowed_directions
 
 
 complete(globals())

@@ -26,9 +26,10 @@ def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
     if run.tick is not None:
         block_size = min(block_size, max(1, run.n // MIN_PROGRESS_REPORTS))
     while run.steps < run.n:
-        evaluations = system.evaluations
-        states, ddq, gaps = steps.advance(run.last[1], min(block_size, run.n - run.steps))
-        system.evaluations = evaluations  # use_block counts those of the steps that are used
+        evaluations_before = system.evaluations
+        _, y = run.last
+        states, ddq, gaps = steps.advance(y, min(block_size, run.n - run.steps))
+        system.evaluations = evaluations_before  # use_block counts the evaluations of the steps that are used
         if not use_block(run, steps, states, ddq, gaps):
             return
     t, y = run.last
@@ -38,8 +39,8 @@ def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
 def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: Array) -> bool:
     """Store the next steps of a run up to the first that is unstable or ends the run; True if all are stored.
 
-    ``states`` (m + 1, size) are those before, between and after m steps; ``ddq`` (m, nv) and ``gaps`` (m, contacts) belong
-    to the starts of the steps.
+    ``states`` (m + 1, size) are the states before, between and after m steps; ``ddq`` (m, nv) and ``gaps`` (m, contacts)
+    belong to the starts of the steps.
     """
     m = _count_stable_steps(run, states)
     all_stable = m == len(ddq)
@@ -47,27 +48,30 @@ def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: A
     gaps = _append_last_gaps(run, gaps[:m], states[-1])
     if run.detector is not None:
         gaps[0] = run.detector.gaps  # as at the last check: rounding errors do not begin a contact
-    used, end = m, None
+    used_count, end = m, None
     if m:
-        used, end = _first_end(run, steps, states, gaps)
-    evaluated = used if end is None else used + 1
-    run.system.evaluations += steps.stages * evaluated
-    keep_steps(run, states[: used + 1], ddq[:used], run.system.held, run.system.held, gaps[: used + 1])
+        used_count, end = _first_end(run, steps, states, gaps)
+    evaluated_count = used_count if end is None else used_count + 1  # with the step that ends the run
+    run.system.evaluations += steps.stages * evaluated_count
+    held = run.system.held
+    keep_steps(run, states[: used_count + 1], ddq[:used_count], held, held, gaps[: used_count + 1])
     if end is not None:
-        end_in_step(run, steps, end, ddq[used], run.system.held)
+        end_in_step(run, steps, end, ddq[used_count], held)
     elif run.tick is not None and m:
-        run.tick(run.last[0])
+        t, _ = run.last
+        run.tick(t)
     return end is None and all_stable
 
 
 def _count_stable_steps(run: Run, states: Array) -> int:
     """Number of steps before an unstable one, by their states (m + 1, size)."""
-    after = states[1:]
-    speeds = states[1:, run.system.moving]
-    if speeds.max() < MAX_SPEED and speeds.min() > -MAX_SPEED and np.isfinite(after).all():  # cheaper than by row
-        return len(after)
-    is_stable = np.isfinite(after).all(axis=1) & (np.abs(speeds).max(axis=1) < MAX_SPEED)
-    return int(is_stable.argmin())
+    states_after = states[1:]
+    speeds = states_after[:, run.system.moving]
+    is_slow = speeds.max() < MAX_SPEED and speeds.min() > -MAX_SPEED  # cheaper than by row
+    if is_slow and np.isfinite(states_after).all():
+        return len(states_after)
+    is_stable = np.isfinite(states_after).all(axis=1) & (np.abs(speeds).max(axis=1) < MAX_SPEED)
+    return int(is_stable.argmin())  # first False
 
 
 def _first_end(run: Run, steps: CompiledSteps, states: Array, gaps: Array) -> tuple[int, float | None]:
@@ -75,28 +79,29 @@ def _first_end(run: Run, steps: CompiledSteps, states: Array, gaps: Array) -> tu
 
     If no event ends the run: the number of all steps, and None.
     """
-    first, m = run.steps, len(states) - 1
+    first_step = run.steps
+    m = len(states) - 1
     if run.detector is None:
         return m, None
-    if first == 0 and run.leaves_at_once(states[0], states[1], run.h):
+    if first_step == 0 and run.leaves_at_once(states[0], states[1], run.h):
         return 0, 0.0
     for k in run.detector.passings(states, gaps):
-        end = locate_event(run, steps, (first + k) * run.h, states[k], states[k + 1])
+        end = locate_event(run, steps, (first_step + k) * run.h, states[k], states[k + 1])
         if end is not None:
             return k, end
     return m, None
 
 
-def locate_event(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
-    """Locate events in a step from y at t; returns the time after t at which one ends the run, or None."""
-    if t == 0.0 and run.leaves_at_once(y, after, run.h):
+def locate_event(run: Run, steps: CompiledSteps, t: float, y: Array, y1: Array) -> float | None:
+    """Locate events in a step from y at t to y1; returns the time after t at which one ends the run, or None."""
+    if t == 0.0 and run.leaves_at_once(y, y1, run.h):
         return 0.0
     state_at = partial(steps.after, t, y)
-    return run.locate_event(t, [(run.h, after)], state_at)
+    return run.locate_event(t, [(run.h, y1)], state_at)
 
 
 def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Array) -> None:
-    """End a run in its next step, a time ``end`` after its start; ``ddq`` and ``tau`` are those at its start."""
+    """End a run in its next step, a time ``end`` after the step's start; ``ddq`` and ``tau`` are of that start."""
     t, y = run.last
     if run.steps % run.every == 0:
         run.record.keep(t, y, ddq, tau)
@@ -107,28 +112,30 @@ def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Arr
 def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gaps: Array) -> None:
     """Store the next m steps of a run, by their states (m + 1, size), and check their errors.
 
-    Torques ``tau``, and those that a controller ``held``, are (nv,) for all steps or (m, nv); gaps are (m + 1, contacts).
+    Torques ``tau``, and the controller's torques ``held``, are (nv,) for all steps or (m, nv); gaps are (m + 1, contacts).
     """
     system = run.system
-    first, m = run.steps, len(ddq)
+    first_step = run.steps
+    m = len(ddq)
     if not m:
         return
-    numbers = np.arange(first, first + m + 1)
-    times = np.asarray(numbers * run.h, float)
-    if numbers[-1] == run.n:
-        times[-1] = run.end
-    kept = slice(-first % run.every, m, run.every)
+    step_numbers = np.arange(first_step, first_step + m + 1)
+    times = np.asarray(step_numbers * run.h, float)
+    if step_numbers[-1] == run.n:
+        times[-1] = run.end  # without rounding
+    kept = slice(-first_step % run.every, m, run.every)  # every so many steps of the whole run
     if tau.ndim > 1:
         tau = tau[kept]
     run.record.keep_block(times[kept], states[kept], ddq[kept], tau)
     contacts_worked = states[1:, -1] != states[:-1, -1]  # the last entry is the work of contacts
-    changed = run.contact_durations.block(times[1:], gaps[1:], contacts_worked)
+    has_changed = run.contact_durations.block(times[1:], gaps[1:], contacts_worked)
     if system.dry_friction is not None:
         signs = np.sign(states[:, system.moving])
-        changed |= (signs[1:] != signs[:-1])[:, system.dry_friction.dry].any(axis=1)
-    run.doubling.note_block(times[:-1], states, held, ddq, changed)
+        is_reversed = signs[1:] != signs[:-1]
+        has_changed |= is_reversed[:, system.dry_friction.dry].any(axis=1)
+    run.doubling.note_block(times[:-1], states, held, ddq, has_changed)
     run.force_check.note_block(times[:-1], states, held)
-    run.steps = first + m
+    run.steps = first_step + m
     run.last = float(times[-1]), states[-1].copy()
 
 
@@ -147,17 +154,18 @@ def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
 def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
     """Take one block of steps, or the remaining ones; True if an event ended the run."""
     system = run.system
-    first, h = run.steps, run.h
+    first_step, h = run.steps, run.h
     detects_events, tick = run.detector is not None, run.tick
     states = rows.states[:: rows.calls_per_step]
-    states[0] = run.last[1]
+    _, states[0] = run.last
     call, sole, max_squared_speed = rows.call, rows.sole, MAX_SPEED**2
     function = None if sole is None else sole.function
-    done = sampled = 0  # steps to be stored; steps whose torques of the controller are known
+    done = 0  # number of steps to be stored
+    sampled = 0  # number of steps whose torques of the controller are known
     end: float | None = None
     try:
-        for stages in rows.steps[: run.n - first]:
-            begin = (first + done) * h
+        for stages in rows.steps[: run.n - first_step]:
+            begin = (first_step + done) * h
             for share, k, q, dq, evaluations in stages:
                 t = begin + share * h
                 for law, row, base in evaluations:
@@ -176,7 +184,7 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
                         sole.require_finite(t, rows.given[k])
             if not squared_speed < max_squared_speed:
                 sampled = done + 1
-                run.require_stable(begin, run.time(first + done + 1), states[done + 1])
+                run.require_stable(begin, run.time(first_step + done + 1), states[done + 1])
             if detects_events:
                 sampled = done + 1
                 system.held = rows.held[done].copy()
@@ -185,7 +193,7 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
                     break
             done += 1
             if tick is not None:
-                tick(run.time(first + done))
+                tick(run.time(first_step + done))
     finally:
         _keep_block(run, steps, rows, done, max(sampled, done))
     if end is not None:
@@ -198,9 +206,9 @@ def _keep_block(run: Run, steps: CompiledSteps, rows: CallbackRows, done: int, s
     if sampled:
         run.system.held = rows.held[sampled - 1].copy()
     run.system.evaluations += steps.stages * sampled
-    n = rows.calls_per_step
-    states, ddq = rows.states[::n], rows.ddq[::n]
-    gaps = _append_last_gaps(run, rows.gaps[::n][:done], states[done])
+    stride = rows.calls_per_step
+    states, ddq = rows.states[::stride], rows.ddq[::stride]
+    gaps = _append_last_gaps(run, rows.gaps[::stride][:done], states[done])
     keep_steps(run, states[: done + 1], ddq[:done], rows.tau[:done], rows.held[:done], gaps)
 
 

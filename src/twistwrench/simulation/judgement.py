@@ -42,7 +42,7 @@ VERBS_AND_MEANINGS = {
     ),
     "velocity": ("moves at", "The robot's drives would not let it"),
 }
-"""Verb and meaning for each kind of exceeded limit."""
+"""For each kind of exceeded limit: verb between the joint and its value, and meaning with the remedy."""
 
 
 def _meaning(kind: str) -> str:
@@ -75,25 +75,30 @@ def simulation_verdict(result: SimulationResult) -> Verdict:
     violations = list(chain.from_iterable(_violations(result).values()))
     if not result.driven or not violations:
         return Verdict(Word.DONE)
-    first = violations[0]
-    others = len(violations) - 1
-    sentence = _violation_text(first, degrees=result.degrees)
-    if others:
-        sentence += f"; {others} more limit{'s are' if others > 1 else ' is'} passed"
-    return Verdict(Word.OVER_LIMIT, (f"{sentence}. {_meaning(first.kind)}",))
+    worst = violations[0]
+    other_count = len(violations) - 1
+    sentence = _violation_text(worst, degrees=result.degrees)
+    if other_count:
+        sentence += f"; {other_count} more limit{'s are' if other_count > 1 else ' is'} passed"
+    return Verdict(Word.OVER_LIMIT, (f"{sentence}. {_meaning(worst.kind)}",))
 
 
 def _reason_of_end(result: SimulationResult) -> str:
-    """Reason for an early end. A position limit is in degrees if the report is."""
+    """Reason for an early end; a position limit is in degrees if ``result`` is."""
     k = _joint_at_limit(result)
     robot = result.simulated
     if k is None or robot is None:
         return result.stopped
-    position = robot.model.positions(result.events[-1].q)[k]
-    lower, upper = robot.limits.lower[k], robot.limits.upper[k]
-    side, limit = "lower", lower
+    positions = robot.model.positions(result.events[-1].q)
+    position = positions[k]
+    lower = robot.limits.lower[k]
+    upper = robot.limits.upper[k]
     if upper - position < position - lower:
-        side, limit = "upper", upper
+        side = "upper"
+        limit = upper
+    else:
+        side = "lower"
+        limit = lower
     turns = bool(Coordinates.from_model(robot.model).angular_velocity[k])
     if result.degrees and turns:
         limit *= math.degrees(1.0)
@@ -108,8 +113,10 @@ def _joint_at_limit(result: SimulationResult) -> int | None:
         return None
     limits = robot.limits
     positions = robot.model.positions(result.events[-1].q)
-    margins = np.minimum(limits.upper - positions, positions - limits.lower) / limits.tolerance
-    k = int(np.argmin(np.where(np.isfinite(margins), margins, np.inf)))
+    distances = np.minimum(limits.upper - positions, positions - limits.lower)  # to the nearer limit
+    margins = distances / limits.tolerance  # at most 1: the joint is at its limit
+    finite_margins = np.where(np.isfinite(margins), margins, np.inf)
+    k = int(np.argmin(finite_margins))
     return k if margins[k] <= 1.0 else None
 
 
@@ -124,7 +131,7 @@ def _violation_text(violation: Violation, *, degrees: bool) -> str:
 
 
 def _violations(result: SimulationResult) -> dict[str, list[Violation]]:
-    """Limits exceeded by states or given torques, by kind in the order of :data:`VERBS_AND_MEANINGS`."""
+    """Limits exceeded by states or given torques, by kind in the order of :data:`VERBS_AND_MEANINGS`; the worst first."""
     if result.simulated is None:
         return {}
     check = LimitCheck(result.simulated.model, bounds_of(result.simulated))
@@ -137,8 +144,12 @@ def _violations(result: SimulationResult) -> dict[str, list[Violation]]:
 
 
 def worst_moment(result: SimulationResult) -> tuple[Array, MarkedJoint | None, str]:
-    """Configuration of the picture, the joint that stopped the motion or exceeds its limit most, and a title."""
-    title_of_end = f"{result.robot} at the end, t = {number(result.times[-1], 6)} s"
+    """Configuration of the picture, joint to mark, and title.
+
+    The joint is the one that stopped the motion, or the one that exceeds its limit most; None if there is neither.
+    """
+    end_time = number(result.times[-1], 6)
+    title_of_end = f"{result.robot} at the end, t = {end_time} s"
     k = _joint_at_limit(result)
     if k is not None:
         joint = result.velocity_names[k]
@@ -157,8 +168,8 @@ def limits_passed(result: SimulationResult) -> list[str]:
     sentences = []
     for kind, violations in _violations(result).items():
         sentence = _violation_text(violations[0], degrees=result.degrees)
-        others = len(violations) - 1
-        if others:
-            sentence += f", and {others} more joint{'s pass' if others > 1 else ' passes'} theirs"
+        other_count = len(violations) - 1
+        if other_count:
+            sentence += f", and {other_count} more joint{'s pass' if other_count > 1 else ' passes'} theirs"
         sentences.append(f"{sentence}. {_meaning(kind)}.")
     return sentences

@@ -67,11 +67,11 @@ def average_torque(torque: Array, speed: Array, duration: Array, exponent: float
     >>> round(average_torque(T, n, t), 2)
     89.39
     """
-    turned = np.abs(speed) * duration
-    total = float(turned.sum())
-    if total == 0.0:
+    angles = np.abs(speed) * duration  # turned in each phase
+    total_angle = float(angles.sum())
+    if total_angle == 0.0:
         return math.nan
-    mean_of_powers = turned @ np.abs(torque) ** exponent / total
+    mean_of_powers = angles @ np.abs(torque) ** exponent / total_angle
     return float(mean_of_powers ** (1 / exponent))
 
 
@@ -85,12 +85,12 @@ def life_hours(gear: Gear, torque: float, speed: float) -> float:
 
     Harmonic Drive, Engineering Data 1019658, equations 20.2 and 20.3.
     """
-    return gear.life / 5 * (gear.rated_torque / torque) ** 3 * (gear.rated_speed / speed)
+    return gear.life / 5 * (gear.rated_torque / torque) ** 3 * (gear.rated_speed / speed)  # 5: L₅₀ over L₁₀
 
 
 def emergency_events(speed: float, duration: float, ratio: float) -> float:
-    """Emergency stops that a strain-wave gear survives at an output speed [rad/s]: 10⁴ / (2 n R t)."""
-    turns = speed / (2 * math.pi) * ratio * duration
+    """Number of emergency stops, from an output speed [rad/s], that a strain-wave gear survives: 10⁴ / (2 n R t)."""
+    turns = speed / (2 * math.pi) * ratio * duration  # of the wave generator
     return _MOMENTARY_TURNS / (2 * turns) if turns else math.inf
 
 
@@ -99,8 +99,9 @@ class SizedGear(DrivePart):
     """Loads of a gear; speeds are input speeds [rad/s]."""
 
     average_torque: float
-    """N m; NaN for a joint that only holds."""
+    """Mean torque [N m]; NaN for a joint that only holds."""
     peak_torque: float
+    """Largest torque [N m]."""
     average_speed: float
     maximum_speed: float
     life: float
@@ -112,52 +113,54 @@ def sized_gear(
 ) -> SizedGear:
     """Loads of a gear over a cycle and an emergency.
 
-    ``life`` is the required life [h]; if it ``weighs``, its mass loads the robot, and an unknown mass is reported.
+    ``life`` is the required life [h]. If the gear ``weighs``, its mass loads the robot, and an unknown mass is reported.
     """
-    torque, speed = between(np.abs(cycle.torque)), between(np.abs(cycle.speed))
+    torque = between(np.abs(cycle.torque))  # of each phase
+    speed = between(np.abs(cycle.speed))
     mean_torque = average_torque(torque, speed, cycle.duration, gear.mean_exponent)
     mean_input_speed = average_speed(gear.ratio * speed, cycle.duration)
-    peak = int(np.abs(cycle.torque).argmax())
-    peak_torque = float(np.abs(cycle.torque[peak]))
-    input_speed = np.abs(cycle.speed * gear.ratio)
-    fastest = int(input_speed.argmax())
+    peak_row = int(np.abs(cycle.torque).argmax())
+    peak_torque, peak_time = float(np.abs(cycle.torque[peak_row])), float(cycle.time[peak_row])
+    input_speeds = np.abs(cycle.speed * gear.ratio)
+    fastest_row = int(input_speeds.argmax())
+    max_input_speed, fastest_time = float(input_speeds[fastest_row]), float(cycle.time[fastest_row])
     gear_life, missing_for_life = _life(gear, mean_torque, mean_input_speed)
     demands = [
-        Demand("peak torque", peak_torque, gear.repeated_peak, "N m", float(cycle.time[peak])),
+        Demand("peak torque", peak_torque, gear.repeated_peak, "N m", peak_time),
         Demand("average input speed", mean_input_speed / RPM, gear.average_speed / RPM, "rpm"),
-        Demand("input speed", input_speed[fastest] / RPM, gear.maximum_speed / RPM, "rpm", float(cycle.time[fastest])),
+        Demand("input speed", max_input_speed / RPM, gear.maximum_speed / RPM, "rpm", fastest_time),
     ]
     if mean_torque > 0:
         demands.insert(0, Demand("average torque", mean_torque, gear.average_torque, "N m"))
     if life is not None and gear.kind != "direct":
         demands.append(Demand("life wanted", life, gear_life, "h"))
     if emergency is not None:
-        worst = int(np.abs(emergency.torque).argmax())
-        emergency_torque, time = float(np.abs(emergency.torque[worst])), float(emergency.time[worst])
-        demands.append(Demand("emergency torque", emergency_torque, gear.momentary_peak, "N m", time))
+        worst_row = int(np.abs(emergency.torque).argmax())
+        emergency_torque = float(np.abs(emergency.torque[worst_row]))
+        emergency_time = float(emergency.time[worst_row])
+        demands.append(Demand("emergency torque", emergency_torque, gear.momentary_peak, "N m", emergency_time))
     for kind, loads in cycle.bearing.items():
         limit = getattr(gear, kind)
         if math.isfinite(limit):
-            largest = int(loads.argmax())
+            largest_row = int(loads.argmax())
             name = f"{kind} moment of its bearing" if kind == "tilting" else f"{kind} force of its bearing"
-            load, time = float(loads[largest]), float(cycle.time[largest])
+            load, time = float(loads[largest_row]), float(cycle.time[largest_row])
             demands.append(Demand(name, load, limit, BEARING_UNITS[kind], time))
     ratings = ["average_torque", "repeated_peak", "average_speed", "maximum_speed"]
     if emergency is not None:
         ratings.append("momentary_peak")
     missing = [name for name in ratings if not math.isfinite(getattr(gear, name))]
-    relevant = ["efficiency", "no_load_torque"]
+    used_numbers = ["efficiency", "no_load_torque"]
     if weighs:
-        relevant.append("mass")
-    # Below its limit at the peak, the mean torque is below it for every exponent.
+        used_numbers.append("mass")
+    # If even the peak is below the limit of the mean torque, the exponent does not matter.
     if gear.kind == "planetary" and mean_torque > 0 and over_limit(peak_torque / gear.average_torque):
-        relevant.append("mean_exponent")
-    missing += [name for name in relevant if name in gear.unstated]
+        used_numbers.append("mean_exponent")
+    missing += [name for name in used_numbers if name in gear.unstated]
     if life is not None:
         missing += missing_for_life
     if gear.kind == "direct":
         missing = []
-    max_input_speed = float(input_speed[fastest])
     return SizedGear(
         gear.name,
         tuple(demands),
@@ -173,14 +176,14 @@ def sized_gear(
 def _life(gear: Gear, torque: float, speed: float) -> tuple[float, tuple[str, ...]]:
     """Life [h] at an average torque and input speed, inf if unknown or at standstill, and the names of missing numbers.
 
-    Life of planetary gears has no common law: what the maker states holds for loads up to the rated ones.
+    Life of planetary gears has no common law: the maker's number holds up to the rated torque and speed.
     """
     missing = tuple(name for name in ("rated_torque", "rated_speed", "life") if not math.isfinite(getattr(gear, name)))
     if missing or not (torque > 0 and speed > 0):
         return math.inf, missing
     if gear.kind == "strain_wave":
         return life_hours(gear, torque, speed), ()
-    within = torque <= gear.rated_torque and speed <= gear.rated_speed
-    if within:
+    is_within_ratings = torque <= gear.rated_torque and speed <= gear.rated_speed
+    if is_within_ratings:
         return gear.life, ()
     return math.inf, ("life beyond the rated torque and speed",)

@@ -34,17 +34,18 @@ def contact_forces(
     in_contact: Array,
     limits: Array | None = None,
 ) -> ContactForces:
-    """Forces of :func:`support` that balance torques (n, nv) without contacts in the rows of the free base."""
-    free = floating_entries(robot)
+    """Forces of :func:`support` that balance torques (n, nv) at the free base; ``tau`` are torques without contacts."""
     maps, balance = _maps_and_balance(robot, q, tau, contacts, in_contact)
     forces, least_norm, holds = balance.forces()
     if limits is not None:
-        forces, _ = balance.forces_within(forces, least_norm, maps, tau, np.where(free, np.inf, limits))
+        joint_limits = np.where(floating_entries(robot), np.inf, limits)
+        forces, _ = balance.forces_within(forces, least_norm, maps, tau, joint_limits)
     if not holds.all():  # contacts stick there: forces of least norm without cones
         fails = ~holds
-        G = balance.maps[fails] * in_contact[fails][:, None, :, None]
-        G = G.reshape(len(G), G.shape[1], -1)
-        forces[fails] = (np.linalg.pinv(G) @ balance.load[fails][..., None]).reshape(-1, len(contacts), 3)
+        active_maps = balance.maps[fails] * in_contact[fails][:, None, :, None]  # (instants, entries, contacts, 3)
+        G = active_maps.reshape(*active_maps.shape[:2], -1)
+        sticking_forces = np.linalg.pinv(G) @ balance.load[fails][..., None]
+        forces[fails] = sticking_forces.reshape(-1, len(contacts), 3)
     return ContactForces(forces, maps, holds)
 
 
@@ -52,20 +53,22 @@ def friction_within(
     robot: Robot, q: Array, tau: Array, contacts: tuple[Contact, ...], in_contact: Array, friction: Array, limits: Array,
     most: float,
 ) -> Array:  # fmt: skip
-    """Least coefficients (n,) from ``friction`` to ``most`` that also keep the torques within limits (nv,).
+    """Least coefficients of friction (n,), up to ``most``, with which the torques are within limits (nv,).
 
-    ``friction`` (n,) is that of the balance alone. It stays if the limits need no more, or cannot be kept.
+    ``friction`` (n,) are the least coefficients for the balance alone. They stay where they suffice for the limits, and where
+    no friction up to ``most`` suffices.
     """
     maps, balance = _maps_and_balance(robot, q, tau, contacts, in_contact)
-    limits = np.where(floating_entries(robot), np.inf, limits)
-    return balance.friction_within(friction, maps, tau, limits, most)
+    joint_limits = np.where(floating_entries(robot), np.inf, limits)
+    return balance.friction_within(friction, maps, tau, joint_limits, most)
 
 
 def _maps_and_balance(
     robot: Robot, q: Array, tau: Array, contacts: tuple[Contact, ...], in_contact: Array
 ) -> tuple[Array, Balance]:
     """Maps (n, nv, c, 3) of the contacts, and the balance of torques (n, nv) at the free base."""
-    free = floating_entries(robot)
-    is_moment = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
+    is_free = floating_entries(robot)
+    is_moment = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)
     maps, _ = contact_maps(robot, q, contacts)
-    return maps, Balance(contacts, maps[:, free], tau[:, free], None, None, is_moment, in_contact)
+    balance = Balance(contacts, maps[:, is_free], tau[:, is_free], None, None, is_moment[is_free], in_contact)
+    return maps, balance

@@ -26,18 +26,20 @@ if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits
     from ..robot import Robot
 
-_OF_A_BODY = "the body's twist (omega, v) in the frame of points and normals"
+_BODY_MOTION = "the body's twist (omega, v) in the frame of points and normals"
 """Meaning of the motion of a body."""
-_OF_A_ROBOT = "joint velocities dq, of a floating base its twist in its own frame"
+_ROBOT_MOTION = "joint velocities dq, of a floating base its twist in its own frame"
 """Meaning of the motion of a robot."""
 _MIN_POWER = 1e-9
-"""Power of a motion of size 1, as a share of the largest load, above which the motion proves that nothing holds."""
+"""Power of a motion of size 1, as a share of the largest load, above which the motion proves that no forces balance."""
 _MAX_RESIDUAL = 1e-6
 """Largest residual of the load, relative to the forces, that counts as balanced; checked before a positive result."""
 _ROUNDING = 1e-14
-"""Rounding tolerance relative to the sum of all contact loads, which may far exceed the load if levers are short."""
+"""Rounding tolerance relative to the sum of all contact loads. With short levers this sum may far exceed the load."""
 _EXCESS_SHARE = 1e-6
-"""Share of a limit above the least one that forces of least norm may use."""
+"""Excess, relative to the least largest share of a limit, that forces of least norm may use."""
+_MIN_EXCESS = _EXCESS_SHARE * _EXCESS_SHARE
+"""Absolute excess that they may use in addition, for a least share of zero."""
 _MIN_SHOWN_VELOCITY = 1e-6
 """Entry of a motion with a largest entry of 1 above which it is printed."""
 
@@ -90,13 +92,14 @@ class Equilibrium:
             return text
         if self.holds is None:
             return "marginal: within rounding, neither forces nor a motion are found"
-        moving = []
+        entries = []
         for velocity, name in zip(np.asarray(self.motion), self.names, strict=True):
             if abs(velocity) > _MIN_SHOWN_VELOCITY:
-                moving.append(f"{printed(velocity, 3, signed=True)} {name}")
-        subject = "no contact resists" if len(np.asarray(self.velocities)) else "there is no contact to resist"
+                entries.append(f"{printed(velocity, 3, signed=True)} {name}")
+        has_contacts = len(np.asarray(self.velocities)) > 0
+        subject = "no contact resists" if has_contacts else "there is no contact to resist"
         return (
-            f"cannot hold: {subject} the motion ({', '.join(moving)}), {self.frame}, "
+            f"cannot hold: {subject} the motion ({', '.join(entries)}), {self.frame}, "
             f"into which the load puts {number(self.power)} W"
         )
 
@@ -140,12 +143,14 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike) -> 
     middle = np.zeros(3)
     if len(points):
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    maps = np.array([np.vstack([so3.hat(p - middle), np.eye(3)]) for p in points]).reshape(-1, 6, 3)  # f → (p × f, f)
+    contact_matrices = [np.vstack([so3.hat(p - middle), np.eye(3)]) for p in points]  # f → (p × f, f)
+    maps = np.array(contact_matrices).reshape(-1, 6, 3)  # also without contacts
     m, f = F[:3], F[3:]
     F_at_middle = np.concatenate([m - np.cross(middle, f), f])
     is_moment = np.arange(6) < 3
-    system = _System(contacts, maps.swapaxes(0, 1), F_at_middle, np.zeros(6), is_moment)
-    result = system.decide(TWIST, _OF_A_BODY)
+    no_motors = np.zeros(6)
+    system = _System(contacts, maps.swapaxes(0, 1), F_at_middle, no_motors, is_moment)
+    result = system.decide(TWIST, _BODY_MOTION)
     if result.motion is None:
         return result
     w, v = result.motion[:3], result.motion[3:]
@@ -181,7 +186,7 @@ def robot_equilibrium(
     True
     """
     system = _robot_system(robot, q, contacts, limits, wrench_on_robot)
-    return system.decide(robot.model.velocity_names, _OF_A_ROBOT)
+    return system.decide(robot.model.velocity_names, _ROBOT_MOTION)
 
 
 def least_norm_contact_forces(
@@ -218,7 +223,7 @@ def least_norm_contact_forces(
     True
     """
     system = _robot_system(robot, q, contacts, limits, wrench_on_robot)
-    return system.decide(robot.model.velocity_names, _OF_A_ROBOT, share=1.0)
+    return system.decide(robot.model.velocity_names, _ROBOT_MOTION, share=1.0)
 
 
 def _robot_system(
@@ -232,105 +237,114 @@ def _robot_system(
     refuse_loops(robot, "robot_equilibrium")
     refuse_couplings(robot.model, "robot_equilibrium")
     contacts = _check_contacts(contacts)
-    q = one_configuration(robot, q, "robot_equilibrium", "each pose is decided on its own")
+    q = one_configuration(robot, q, "robot_equilibrium", "each pose is decided on its own")  # reason of the refusal
     unloaded = resting_torques(robot, q, wrench_on_robot)
     if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():
         raise ValueRangeError(
             f"wrench_on_robot at {', '.join(wrench_on_robot or ())}: give each frame one wrench (m, f) of six finite numbers."
         )
     maps, _ = contact_maps(robot, q[None], contacts)
-    turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)
-    return _System(contacts, maps[0], -unloaded, effort_limits(robot, limits), turning)
+    is_moment = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)
+    return _System(contacts, maps[0], -unloaded, effort_limits(robot, limits), is_moment)
 
 
 def _check_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
     """Contacts as a tuple; raises ValueRangeError for anything else."""
-    given: Any = contacts
-    if not isinstance(given, Iterable):
-        raise ValueRangeError(f"contacts is {given!r}. Give a list of statics.Contact.")
-    checked = tuple(given)
-    for k, contact in enumerate(checked):
+    argument: Any = contacts
+    if not isinstance(argument, Iterable):
+        raise ValueRangeError(f"contacts is {argument!r}. Give a list of statics.Contact.")
+    checked_contacts = tuple(argument)
+    for k, contact in enumerate(checked_contacts):
         if not isinstance(contact, Contact):
             raise ValueRangeError(f"contacts[{k}] is {contact!r}. Give a list of statics.Contact.")
-    return checked
+    return checked_contacts
 
 
 class _System:
-    """Balance τ + load + Σ G_i f_i = 0 with abs(τ) ≤ limits, one row of the solver.
+    """Balance τ + load + Σ G_i f_i = 0 of m entries with abs(τ) ≤ limits.
 
-    Moments are divided by a lever, so that all entries are in N. The forces of the solver come on top of the preloads
-    of the contacts.
+    Moments are divided by a lever, so that all entries are in N. The forces of the solver are added to the preloads of the
+    contacts.
     """
 
-    def __init__(self, contacts: tuple[Contact, ...], maps: Array, load: Array, limits: Array, turning: Array) -> None:
-        self.units = np.where(turning, _lever(maps, load, turning), 1.0)
-        self.maps = maps / self.units[:, None, None]
-        self.load = load / self.units
-        self.limits = limits / self.units
-        self.turning = turning
+    def __init__(
+        self, contacts: tuple[Contact, ...], maps: Array, load: Array, limits: Array, is_moment: Array
+    ) -> None:
+        self.levers = np.where(is_moment, _lever(maps, load, is_moment), 1.0)
+        """(m,) divisor of each entry: the lever [m] of moments, 1 of forces."""
+        self.maps = maps / self.levers[:, None, None]
+        """(m, contacts, 3): G_i."""
+        self.load = load / self.levers
+        self.limits = limits / self.levers
+        self.is_moment = is_moment
         self.cones, self.pushes = cones_of(contacts)
         pulls = np.array([contact.pull for contact in contacts])
         self.preload = -pulls[:, None] * self.cones.normals
-        self.preloaded = self.load + np.einsum("mck,ck->m", self.maps, self.preload)  # load with the preloads
-        self.fixed = self.limits == 0
-        self.limited = (self.limits > 0) & np.isfinite(self.limits)
+        """(contacts, 3) force of each contact without the solver's."""
+        self.load_with_preload = self.load + np.einsum("mck,ck->m", self.maps, self.preload)
+        self.is_undriven = self.limits == 0
+        self.is_limited = (self.limits > 0) & np.isfinite(self.limits)
 
     def decide(self, names: tuple[str, ...], frame: str, share: float = 0.0) -> Equilibrium:
         """Forces of least norm, or a motion without resistance.
 
-        The torques have the least largest share of the limits, or a ``share`` if that is larger.
+        The largest share of a limit that torques may have is the least possible one, or ``share`` if that is larger.
         """
         least = cone_programme(
-            self.cones, self.maps[None, self.fixed], -self.preloaded[None, self.fixed],
-            bounds=self._bounds(self.limited, np.zeros_like(self.limits), self.limits), sense="least",
+            self.cones, self.maps[None, self.is_undriven], -self.load_with_preload[None, self.is_undriven],
+            bounds=self._bounds(self.is_limited, np.zeros_like(self.limits), self.limits), sense="least",
         )  # fmt: skip
         if least.settled[0] and least.s[0] <= 1.0 + _ROUNDING:
-            least_share = float(least.s[0]) * (1.0 + _EXCESS_SHARE) + _EXCESS_SHARE * _EXCESS_SHARE
+            least_share = float(least.s[0]) * (1.0 + _EXCESS_SHARE) + _MIN_EXCESS
+            # Forces of least norm if they are found and balance, otherwise those of the least share.
             for added_forces in (*self._least_norm(max(least_share, share)), least.forces[0]):
                 forces = added_forces + self.preload
                 torques = self._torques(forces)
                 if torques is None:
                     continue
-                shares = np.abs(torques / self.units)[self.limited] / self.limits[self.limited]
-                largest = float(shares.max()) if shares.size else None
-                return Equilibrium(True, forces, torques, largest, None, None, None, names, frame)
+                shares = np.abs(torques / self.levers)[self.is_limited] / self.limits[self.is_limited]
+                largest_share = float(shares.max()) if shares.size else None
+                return Equilibrium(True, forces, torques, largest_share, None, None, None, names, frame)
         motion, power = self._unresisted_motion()
         largest_load = float(np.abs(self.load).max(initial=0.0))
         least_size = float(np.abs(motion).max()) * 1e-300  # without load, the power must be above zero
         if not power > _MIN_POWER * max(largest_load, least_size):
             return Equilibrium(None, None, None, None, None, None, None, names, frame)
         velocities = np.einsum("mck,m->ck", self.maps, motion)  # by virtual work
-        return _normalize(Equilibrium(False, None, None, None, motion / self.units, velocities, power, names, frame))
+        return _normalize(Equilibrium(False, None, None, None, motion / self.levers, velocities, power, names, frame))
 
     def _bounds(self, rows: Array, most: Array, rate: Array) -> ForceBounds:
-        """abs(load + Σ G_i f_i) ≤ most + s rate in some rows, and the pushes of the contacts."""
-        torque_bounds = two_sided(self.maps[None, rows], self.preloaded[None, rows], most[None, rows], rate[None, rows])
+        """Bounds abs(load + Σ G_i f_i) ≤ most + s rate of some entries, followed by the largest pushes of the contacts."""
+        torque_bounds = two_sided(
+            self.maps[None, rows], self.load_with_preload[None, rows], most[None, rows], rate[None, rows]
+        )
         return torque_bounds.concatenate(self.pushes)
 
     def _least_norm(self, share: float) -> Iterator[Array]:
-        """Forces of least norm with a share of the limits, if they are found."""
-        bounds = self._bounds(self.limited, share * self.limits, np.zeros_like(self.limits))
-        active = np.ones((1, self.maps.shape[1]), bool)
-        forces, solved = least_norm_in_cones(
-            self.cones, self.maps[None, self.fixed], -self.preloaded[None, self.fixed], active, bounds
-        )
-        if solved[0]:
+        """Forces of least norm with a share of the limits, (contacts, 3); nothing if they are not found."""
+        bounds = self._bounds(self.is_limited, share * self.limits, np.zeros_like(self.limits))
+        all_contacts = np.ones((1, self.maps.shape[1]), bool)
+        maps = self.maps[None, self.is_undriven]
+        balanced_load = -self.load_with_preload[None, self.is_undriven]
+        forces, is_solved = least_norm_in_cones(self.cones, maps, balanced_load, all_contacts, bounds)
+        if is_solved[0]:
             yield forces[0]
 
     def _torques(self, forces: Array) -> Array | None:
-        """Torques (nv,) that balance contact forces; None if more is left over than rounding explains."""
+        """Torques (nv,) that balance contact forces; None if the residual is larger than rounding explains."""
         contact_torque = np.einsum("mck,ck->m", self.maps, forces)
         residual = np.abs(self.load + contact_torque)
-        largest_load = float(np.abs(self.load[self.fixed]).max(initial=0.0))
-        largest_force = float(np.abs(self.load[self.fixed & ~self.turning]).max(initial=0.0))
+        largest_load = float(np.abs(self.load[self.is_undriven]).max(initial=0.0))
+        largest_force = float(np.abs(self.load[self.is_undriven & ~self.is_moment]).max(initial=0.0))
         if largest_force == 0.0:
             largest_force = largest_load
-        scale = np.where(self.turning, largest_load, largest_force)
-        allowed = np.where(self.fixed, _MAX_RESIDUAL * scale, (1.0 + _MAX_RESIDUAL) * self.limits)
+        scale = np.where(self.is_moment, largest_load, largest_force)
+        allowed_residual = np.where(self.is_undriven, _MAX_RESIDUAL * scale, (1.0 + _MAX_RESIDUAL) * self.limits)
         sum_of_magnitudes = np.einsum("mck,ck->m", np.abs(self.maps), np.abs(forces)) + np.abs(self.load)
-        if (residual > allowed + _ROUNDING * sum_of_magnitudes).any():
+        if (residual > allowed_residual + _ROUNDING * sum_of_magnitudes).any():
             return None
-        return np.where(self.fixed, 0.0, -(self.load + contact_torque)) * self.units
+        torques = -(self.load + contact_torque)
+        return np.where(self.is_undriven, 0.0, torques) * self.levers
 
     def _unresisted_motion(self) -> tuple[Array, float]:
         """Motion that the load drives most against all torques and contacts, and its power.
@@ -338,42 +352,41 @@ class _System:
         The sum of the magnitudes of its entries is 1. The entries are the prices of the bounds in the programme of the
         least t with abs(load + Σ G_i f_i) ≤ limits + t.
         """
-        rows = np.isfinite(self.limits)  # a joint without limit resists any motion of its own
-        none = np.zeros((1, 0))
-        optimum = cone_programme(
-            self.cones, np.zeros((1, 0, *self.maps.shape[1:])), none, none,
-            bounds=self._bounds(rows, self.limits, np.ones_like(self.limits)), sense="least",
-        )  # fmt: skip
-        count = int(rows.sum())
+        has_limit = np.isfinite(self.limits)  # a joint without limit resists any motion of its own
+        no_maps = np.zeros((1, 0, *self.maps.shape[1:]))
+        no_load = np.zeros((1, 0))
+        growing_bounds = self._bounds(has_limit, self.limits, np.ones_like(self.limits))
+        optimum = cone_programme(self.cones, no_maps, no_load, no_load, bounds=growing_bounds, sense="least")
+        entry_count = int(has_limit.sum())
         prices = optimum.bound_prices[0]  # of the upper bounds, the lower bounds, and the pushes
         motion = np.zeros(len(self.load))
-        motion[rows] = prices[:count] - prices[count : 2 * count]
-        v = np.einsum("mck,m->ck", self.maps, motion)
+        motion[has_limit] = prices[:entry_count] - prices[entry_count : 2 * entry_count]
+        v = np.einsum("mck,m->ck", self.maps, motion)  # of the contact points, by virtual work
         rise = (v * self.cones.normals).sum(axis=1)
         slip = np.linalg.norm(v - rise[:, None] * self.cones.normals, axis=1)
         approach = self.cones.friction * slip - rise
-        bounded = np.einsum("kcx,cx->kc", self.pushes.maps[0], self.cones.normals)
-        push_power = (bounded * np.maximum(approach, 0.0)).max(axis=1, initial=0.0) @ self.pushes.most[0]
+        pushed_contacts = np.einsum("kcx,cx->kc", self.pushes.maps[0], self.cones.normals)  # 1 where a push is bounded
+        push_power = (pushed_contacts * np.maximum(approach, 0.0)).max(axis=1, initial=0.0) @ self.pushes.most[0]
         pull_power = -(self.preload * v).sum()
-        motor_power = np.where(rows, self.limits, 0.0) @ np.abs(motion)
+        motor_power = np.where(has_limit, self.limits, 0.0) @ np.abs(motion)
         power = float(self.load @ motion - motor_power - push_power - pull_power)
         return motion + 0.0, power  # + 0.0 turns -0.0 into 0.0
 
 
-def _lever(maps: Array, load: Array, turning: Array) -> float:
-    """Longest lever of the contacts [m], or of the load if there are no contacts."""
-    longest = float(np.abs(maps[turning]).max(initial=0.0))
-    if longest > 0:
-        return longest
-    moment = float(np.abs(load[turning]).max(initial=0.0))
-    force = float(np.abs(load[~turning]).max(initial=0.0))
+def _lever(maps: Array, load: Array, is_moment: Array) -> float:
+    """Longest lever of the contacts [m]; without contacts, moment over force of the load; 1 if that is not defined."""
+    longest_lever = float(np.abs(maps[is_moment]).max(initial=0.0))
+    if longest_lever > 0:
+        return longest_lever
+    moment = float(np.abs(load[is_moment]).max(initial=0.0))
+    force = float(np.abs(load[~is_moment]).max(initial=0.0))
     if moment > 0 and force > 0:
         return moment / force
     return 1.0
 
 
 def _normalize(proof: Equilibrium) -> Equilibrium:
-    """Certificate scaled to a largest entry of 1."""
+    """Equilibrium with its motion, a certificate, scaled to a largest entry of 1."""
     size = float(np.abs(np.asarray(proof.motion)).max())
     motion = np.asarray(proof.motion) / size + 0.0  # + 0.0 turns -0.0 into 0.0
     velocities = np.asarray(proof.velocities) / size + 0.0
@@ -408,7 +421,7 @@ def joints_beyond_stops(robot: Robot, q: Array, limits: Limits | None = None) ->
     if limits is None:
         limits = robot.limits
     is_beyond = limits.exceeded(robot.model.positions(q))
-    found = []
+    joints_beyond: list[BeyondStop] = []
     for body in robot.model.leaders:
         joint = body.joint
         if joint.nq == 1 and is_beyond[body.v_index]:  # ball, planar and floating joints have no stops
@@ -417,8 +430,8 @@ def joints_beyond_stops(robot: Robot, q: Array, limits: Limits | None = None) ->
             high = float(limits.upper[body.v_index])
             stop = low if value < low else high
             turns = bool(joint.axes[0][:3].any())
-            found.append(BeyondStop(joint.name, value, stop, turns))
-    return tuple(sorted(found, key=lambda joint: -joint.by))
+            joints_beyond.append(BeyondStop(joint.name, value, stop, turns))
+    return tuple(sorted(joints_beyond, key=lambda joint: -joint.by))
 
 
 complete(globals())

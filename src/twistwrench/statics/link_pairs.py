@@ -32,7 +32,7 @@ _RANDOM_CONFIGURATIONS = 2000
 _ROWS_PER_BATCH = 4096
 """Number of configurations processed at a time."""
 _CONTACT_DISTANCE = 1e-9
-"""m: surfaces closer than this are in contact."""
+"""Distance below which surfaces are in contact [m]."""
 
 
 class LinkShape(NamedTuple):
@@ -53,7 +53,7 @@ class LinkShape(NamedTuple):
         return [shell.triangles.reshape(-1, 3) for shell in self.walls.shells]
 
     def inside(self, wall: Enclosure, T: Array) -> bool | None:
-        """True if a part of this shape, whose pose in the frame of ``wall`` is T, is inside it; None if that is not known."""
+        """True if a part of this shape is inside ``wall``, in whose frame the shape has the pose T; None: not known."""
         R, p = T[:3, :3], T[:3, 3]
         vertices = np.zeros((1, 3)) if self.walls is None else self.walls.vertices
         if not wall.reaches(vertices @ R.T + p).any():
@@ -78,25 +78,25 @@ class Nearest(NamedTuple):
     distance: float
     """Distance [m]."""
     pair: int
-    """Index of the pair; -1 if none is nearer than the bound given."""
+    """Index of the pair; -1 if none is nearer than the bound of the search."""
     hidden: frozenset[int] = frozenset()
-    """Pairs of which one link may be inside the other, whose mesh is not closed."""
+    """Indices of pairs of which one link may be inside the other, whose mesh is not closed."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinkPairs:
-    """Pairs of links that can touch, with lower bounds of their distances from capsules and the distances from coal."""
+    """Pairs of links that can touch: lower bounds of their distances by capsules, and their distances by coal."""
 
     robot: Robot
     capsules: CapsuleDistances
     links: Array
     """(p, 2) indices of the links."""
     starts: Array
-    """(p,) index of the first capsule pair of each link pair; its other ones follow."""
+    """(p,) index of the first capsule pair of each link pair; the other capsule pairs of these links follow."""
     shapes: Sequence[Sequence[LinkShape]] | None
     """Shapes of each link; None: capsules only."""
     unknown: tuple[str, ...]
-    """Links with mass and a missing or unreadable shape."""
+    """Names of links with mass and a missing or unreadable shape."""
     known: int
     """Number of links with all their shapes."""
     undecided: tuple[str, ...] = ()
@@ -107,13 +107,12 @@ class LinkPairs:
     @classmethod
     def from_robot(cls, robot: Robot, exact: Exact = "auto", srdf: str | Path | None = None) -> LinkPairs:
         """Pairs of links not connected by a joint, disabled in the SRDF file or always in contact."""
-        disabled = frozenset[frozenset[str]]()
+        disabled: frozenset[frozenset[str]] = frozenset()
         if srdf is not None:
             disabled = disabled_pairs(robot, srdf)
         with_coal = _has_coal(exact)
-        pairs: LinkPairs = robot.engine.cache(
-            ("clearance", disabled, with_coal), lambda: cls._without_contact(robot, disabled, exact=with_coal)
-        )
+        key = ("clearance", disabled, with_coal)
+        pairs: LinkPairs = robot.engine.cache(key, lambda: cls._without_contact(robot, disabled, exact=with_coal))
         return pairs
 
     @classmethod
@@ -129,12 +128,17 @@ class LinkPairs:
         capsule_pairs = capsule_pairs[is_enabled]
         order = np.lexsort(capsules.links[capsule_pairs].T[::-1])  # capsule pairs of the same links are adjacent
         capsule_pairs = capsule_pairs[order]
-        none = np.zeros(0, int)
+        none_above_floor = np.zeros(0, int)
+        no_margins = np.zeros(0, int)
+        known_count = len(with_shapes - {*unknown})
 
-        def link_pairs(rows: Array) -> LinkPairs:
-            links, starts = np.unique(capsules.links[rows], axis=0, return_index=True)
-            distances = CapsuleDistances(robot, capsules, rows, none, None, none, itself=True)
-            return cls(robot, distances, links, starts, shapes, tuple(unknown), len(with_shapes - {*unknown}))
+        def link_pairs(selected_pairs: Array) -> LinkPairs:
+            """Link pairs of some capsule pairs."""
+            links, starts = np.unique(capsules.links[selected_pairs], axis=0, return_index=True)
+            distances = CapsuleDistances(
+                robot, capsules, selected_pairs, none_above_floor, floor=None, margins=no_margins, itself=True
+            )
+            return cls(robot, distances, links, starts, shapes, tuple(unknown), known_count)
 
         all_pairs = link_pairs(capsule_pairs)
         if not len(capsule_pairs):
@@ -142,14 +146,14 @@ class LinkPairs:
         always_touch = all_pairs._always_in_contact()
         _, link_pair_of = np.unique(capsules.links[capsule_pairs], axis=0, return_inverse=True)
         link_pair_of = link_pair_of.ravel()  # of two axes in NumPy 2.0
-        judged = link_pairs(capsule_pairs[~always_touch[link_pair_of]])
-        left_out = all_pairs.pair_texts(np.flatnonzero(always_touch).tolist())
+        remaining_pairs = link_pairs(capsule_pairs[~always_touch[link_pair_of]])
+        left_out_texts = all_pairs.pair_texts(np.flatnonzero(always_touch).tolist())
         if exact:
-            return replace(judged, touching=left_out)
-        return replace(judged, undecided=left_out)
+            return replace(remaining_pairs, touching=left_out_texts)
+        return replace(remaining_pairs, undecided=left_out_texts)
 
     def _always_in_contact(self) -> Array:
-        """Mask (p,) of pairs in contact (without coal: of capsules) in a share :data:`ALWAYS` of random configurations."""
+        """True for pairs (p,) in contact in a share :data:`ALWAYS` of random configurations; by capsules without coal."""
         q = self.robot.random_configuration(0, _RANDOM_CONFIGURATIONS)
         capsules_touch = self.bounds(q) <= 0.0
         always_touch = np.asarray(capsules_touch.mean(axis=0) >= ALWAYS)
@@ -178,25 +182,29 @@ class LinkPairs:
 
     def bounds(self, q: Array) -> Array:
         """Lower bounds (n, p) of the distances [m] in configurations (n, nq)."""
-        parts = [self.capsules.evaluate(q[k : k + _ROWS_PER_BATCH])[0] for k in range(0, len(q), _ROWS_PER_BATCH)]
-        return np.minimum.reduceat(np.concatenate(parts), self.starts, axis=1)
+        batches: list[Array] = []  # distances of the capsule pairs
+        for k in range(0, len(q), _ROWS_PER_BATCH):
+            distances, *_ = self.capsules.evaluate(q[k : k + _ROWS_PER_BATCH])
+            batches.append(distances)
+        return np.minimum.reduceat(np.concatenate(batches), self.starts, axis=1)
 
     def distance(self, poses: Array, k: int, bound: float = np.inf) -> float:
         """Distance of pair k by coal [m], from the poses of all links (links, 4, 4), or ``bound`` if that is smaller."""
         import coal
 
         assert self.shapes is not None
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        request = coal.DistanceRequest()
+        result = coal.DistanceResult()
         result.min_distance = bound  # initial bound of the search in the trees of two meshes
 
         def placed_shapes(link: int) -> list[tuple[Any, Any]]:
             """Geometry and pose of each shape of a link."""
             assert self.shapes is not None
-            placed = []
+            geometries_with_poses = []
             for shape in self.shapes[link]:
                 T = poses[link] @ shape.pose
-                placed.append((shape.geometry, coal.Transform3s(T[:3, :3], T[:3, 3])))
-            return placed
+                geometries_with_poses.append((shape.geometry, coal.Transform3s(T[:3, :3], T[:3, 3])))
+            return geometries_with_poses
 
         first_shapes, second_shapes = map(placed_shapes, self.links[k])
         for a, T_a in first_shapes:
@@ -205,7 +213,7 @@ class LinkPairs:
         return float(bound)
 
     def encloses(self, poses: Array, k: int) -> bool | None:
-        """True if a part of one link of pair k, whose surfaces do not touch, is inside a mesh of the other; None: not known."""
+        """True if a part of one link of pair k is inside a mesh of the other; None: not known. Surfaces must not touch."""
         assert self.shapes is not None
         answers = []
         for inner, outer in (self.links[k], self.links[k][::-1]):
@@ -213,42 +221,45 @@ class LinkPairs:
                 if mesh.walls is None:
                     continue
                 T_mesh_inner = np.linalg.inv(poses[outer] @ mesh.pose) @ poses[inner]
-                inside = any_of(shape.inside(mesh.walls, T_mesh_inner @ shape.pose) for shape in self.shapes[inner])
-                if inside:
+                is_inside = any_of(shape.inside(mesh.walls, T_mesh_inner @ shape.pose) for shape in self.shapes[inner])
+                if is_inside:
                     return True
-                answers.append(inside)
+                answers.append(is_inside)
         return any_of(answers)
 
     def separation(self, poses: Array, k: int, bound: float) -> tuple[float, bool]:
-        """Distance of pair k as :meth:`distance`, 0 if one link is inside the other; and True if that is not known."""
+        """Distance of pair k as :meth:`distance`, but 0 if one link is inside the other; and True if that is not known."""
         distance = self.distance(poses, k, bound)
         if distance <= 0.0:
             return distance, False
-        inside = self.encloses(poses, k)
-        if inside:
+        is_inside = self.encloses(poses, k)
+        if is_inside:
             return 0.0, False
-        return distance, inside is None
+        return distance, is_inside is None
 
     def _nearest_pair(self, poses: Array, lower_bounds: Array, bound: float) -> Nearest:
-        """Smallest distance in one configuration and its pair, from bounds (p,); ``bound`` and -1 if none is smaller."""
-        nearest = -1
+        """Smallest distance below ``bound`` in one configuration, from the lower bounds (p,) of all pairs.
+
+        If there is none, the result has the distance ``bound`` and the pair -1.
+        """
+        nearest_pair = -1
         hidden: set[int] = set()
         for k in np.argsort(lower_bounds, kind="stable").tolist():
             if lower_bounds[k] >= bound or bound <= 0.0:
                 break
-            is_unknown = False
+            may_be_inside = False
             if self.shapes is None:
                 distance = float(lower_bounds[k])
             elif lower_bounds[k] > 0.0:  # links whose capsules are apart are not inside each other
                 distance = self.distance(poses, k, bound)
             else:
-                distance, is_unknown = self.separation(poses, k, bound)
-            if is_unknown:
+                distance, may_be_inside = self.separation(poses, k, bound)
+            if may_be_inside:
                 hidden.add(k)
             if distance < bound:
                 bound = max(distance, 0.0)
-                nearest = k
-        return Nearest(bound, nearest, frozenset(hidden))
+                nearest_pair = k
+        return Nearest(bound, nearest_pair, frozenset(hidden))
 
     def nearest(self, q: Array) -> list[Nearest]:
         """Smallest distance in each of the configurations (n, nq)."""
@@ -256,16 +267,21 @@ class LinkPairs:
             return [Nearest(np.inf, 0)] * len(q)
         if not len(q):
             return []
-        poses, lower_bounds = self.robot.link_poses(q), self.bounds(q)
+        poses = self.robot.link_poses(q)
+        lower_bounds = self.bounds(q)
         return [self._nearest_pair(poses[k], lower_bounds[k], np.inf) for k in range(len(q))]
 
     def nearest_row(self, q: Array, bound: float) -> tuple[Nearest, int]:
-        """Smallest distance over all configurations, and its row (the first in contact); -1 if above ``bound``."""
+        """Smallest distance below ``bound`` over all configurations, and its row; -1 if there is none.
+
+        If links are in contact in several rows, the row is the first of these.
+        """
         row = -1
         nearest = Nearest(bound, -1)
         if not len(self.links) or not len(q):
             return nearest, row
-        poses, lower_bounds = self.robot.link_poses(q), self.bounds(q)
+        poses = self.robot.link_poses(q)
+        lower_bounds = self.bounds(q)
         row_bounds = lower_bounds.min(axis=1)
         for k in np.argsort(row_bounds, kind="stable").tolist():
             if row_bounds[k] >= nearest.distance or nearest.distance <= 0.0:
@@ -342,11 +358,12 @@ def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
         xacro = xacro_in(text, root, _SRDF)
         pairs: list[tuple[str, str]] = []
         if not xacro:
-            pairs += [(e.text("link1"), e.text("link2")) for e in root.all("disable_collisions")]
+            pairs += [(element.text("link1"), element.text("link2")) for element in root.all("disable_collisions")]
     except RobotFileError as error:
         raise RobotFileError(f"{name}: {with_clipped_quotations(str(error))}") from None
     if xacro:
-        raise RobotFileError(f"{name}: {xacro}. Expand it first: {EXPAND.replace('robot.urdf', 'robot.srdf')}.")
+        command = EXPAND.replace("robot.urdf", "robot.srdf")
+        raise RobotFileError(f"{name}: {xacro}. Expand it first: {command}.")
     if root.tag != "robot" or not pairs:
         raise RobotFileError(
             f"{name}: <{root.tag}> has no <disable_collisions link1=… link2=…>. Give an SRDF file that leaves out pairs."
@@ -354,8 +371,9 @@ def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
     link_names = set(robot.link_names)
     own_pairs = frozenset(frozenset(pair) for pair in pairs if link_names.issuperset(pair))
     if not own_pairs:
+        first_pair = " – ".join(pairs[0])
         raise RobotFileError(
-            f"{name}: none of its {len(pairs)} pairs are links of robot {robot.name!r}; the first is {' – '.join(pairs[0])}. "
+            f"{name}: none of its {len(pairs)} pairs are links of robot {robot.name!r}; the first is {first_pair}. "
             f"Links of the robot: {listed(robot.link_names)}. Is the file of another robot?"
         )
     return own_pairs

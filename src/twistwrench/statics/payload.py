@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 class LargestPayload:
     """Largest payload: largest mass held at rest, and the joint at its limit.
 
-    Leading axes are those of the poses. The joints are those of dq, with coupled motors in place of their joints. Then
-    follow mimic joints with an effort limit that bear the payload, or exceed their limit without it.
+    Leading axes are those of the poses. Entries of the joints are in the order of dq, with coupled motors in place of
+    their joints. Mimic joints with an effort limit come last, if they bear the payload or exceed their limit without it.
     """
 
     mass: Array
@@ -44,9 +44,9 @@ class LargestPayload:
     unloaded: Array
     """(..., nv): g(q), holding torques without payload [N m or N]."""
     per_kilogram: Array
-    """(..., nv): additional torques per kilogram."""
+    """(..., nv): additional torques for each kilogram of payload [N m/kg or N/kg]."""
     per_joint: Array
-    """(..., nv) kg: largest mass by each joint's limit alone."""
+    """(..., nv) kg: largest payload mass by the limit of each joint alone."""
     limits: Array
     """(nv,): torque limits [N m or N]."""
     joint_names: tuple[str, ...]
@@ -63,8 +63,9 @@ class LargestPayload:
     @property
     def share(self) -> Array:
         """Holding torques as shares of the limits (..., nv), 1 for the limiting joint."""
-        without_limit = np.where(self.torques == 0, 0.0, np.inf)  # shares of joints with a limit of zero
-        return np.divide(np.abs(self.torques), self.limits, out=without_limit, where=self.limits > 0)
+        sizes = np.abs(self.torques)
+        shares_of_zero = np.where(sizes == 0, 0.0, np.inf)  # stay for joints with a limit of zero
+        return np.divide(sizes, self.limits, out=shares_of_zero, where=self.limits > 0)
 
     def __str__(self) -> str:
         if self.mass.ndim:
@@ -74,8 +75,9 @@ class LargestPayload:
         if not self.holds:
             excess = np.abs(self.unloaded) - self.limits
             k = int(np.argmax(excess))
+            needed_torque = number(abs(self.unloaded[k]))
             return (
-                f"no payload: {self.joint_names[k]} needs {number(abs(self.unloaded[k]))} of {number(self.limits[k])} "
+                f"no payload: {self.joint_names[k]} needs {needed_torque} of {number(self.limits[k])} "
                 "to hold the robot alone"
             )
         if self.joint < 0:
@@ -104,46 +106,59 @@ def torques_per_kilogram(
     [19.62, 9.81]
     """
     require_robot(robot, "torques_per_kilogram")
-    return robot.wrench_torques(q, _wrench_per_kilogram(robot, q, com, frame), frame)
+    F = _wrench_per_kilogram(robot, q, com, frame)
+    return robot.wrench_torques(q, F, frame)
 
 
 def _wrench_per_kilogram(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | None) -> Array:
     """Wrench (..., 6) that carries one kilogram at a point of a frame, in that frame."""
     c = points(com)
-    R = np.asarray(robot.forward_kinematics(q, frame))[..., :3, :3]
-    same_batch(q=R[..., 0], com=c)
+    T = np.asarray(robot.forward_kinematics(q, frame))
+    R = T[..., :3, :3]
+    same_batch(q=R[..., 0], com=c)  # the axes of q's batch, with a last axis as com has
     f = -np.einsum("...ji,j->...i", R, robot.gravity)
     m = np.cross(c, f)
     return np.concatenate([m, np.broadcast_to(f, m.shape)], axis=-1)
 
 
-def _followers(
-    robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | None
-) -> tuple[Array, Array, Array, tuple[str, ...]]:
-    """Torques of mimic joints with an effort limit, without payload and per kilogram (..., k), their limits (k,) and names.
+@dataclass(frozen=True, eq=False)
+class _FollowerTorques:
+    """Holding torques of k mimic joints with an effort limit."""
 
-    The joints are those that the payload loads, or that exceed their limits without it.
-    """
+    unloaded: Array
+    """(..., k): torques without payload [N m or N]."""
+    per_kilogram: Array
+    """(..., k): additional torques for each kilogram of payload [N m/kg or N/kg]."""
+    limits: Array
+    """(k,): torque limits [N m or N]."""
+    names: tuple[str, ...]
+
+
+def _follower_torques(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | None) -> _FollowerTorques:
+    """Torques of the mimic joints that the payload loads, or that exceed their limits without it."""
     model = robot.model
     zeros = np.zeros(robot.nv)
     loaded_frame = str(robot.tip if frame is None else frame)
     F = _wrench_per_kilogram(robot, q, com, frame)
-    alone = np.asarray(robot.joint_wrenches(q, zeros, zeros))
-    loaded = robot.joint_wrenches(q, zeros, zeros, wrench_by_robot={loaded_frame: F})
-    alone, loaded = np.broadcast_arrays(alone, loaded)
-    unloaded = follower_torques(model, alone)
-    per_kilogram = _without_round_off(robot, follower_torques(model, loaded - alone))
+    unloaded_wrenches = np.asarray(robot.joint_wrenches(q, zeros, zeros))
+    loaded_wrenches = robot.joint_wrenches(q, zeros, zeros, wrench_by_robot={loaded_frame: F})
+    unloaded_wrenches, loaded_wrenches = np.broadcast_arrays(unloaded_wrenches, loaded_wrenches)
+    unloaded = follower_torques(model, unloaded_wrenches)
+    per_kilogram = _remove_rounding_errors(robot, follower_torques(model, loaded_wrenches - unloaded_wrenches))
     bodies = [model.bodies[i] for i in model.limited_followers]
-    names = [body.joint.name for body in bodies]
     limits = np.array([body.effort for body in bodies])
-    matters = (per_kilogram != 0) | (np.abs(unloaded) > limits + margin(limits))
-    kept = np.flatnonzero(matters.reshape(-1, len(bodies)).any(axis=0))  # in any of the poses
-    return unloaded[..., kept], per_kilogram[..., kept], limits[kept], tuple(names[k] for k in kept)
+    bears_payload = per_kilogram != 0
+    exceeds_limit = np.abs(unloaded) > limits + margin(limits)
+    matters = (bears_payload | exceeds_limit).reshape(-1, len(bodies))  # (poses, mimic joints)
+    indices = np.flatnonzero(matters.any(axis=0))
+    names = tuple(bodies[k].joint.name for k in indices)
+    return _FollowerTorques(unloaded[..., indices], per_kilogram[..., indices], limits[indices], names)
 
 
-def _without_round_off(robot: Robot, per_kilogram: Array) -> Array:
+def _remove_rounding_errors(robot: Robot, per_kilogram: Array) -> Array:
     """Torques per kilogram, with zero for those that are rounding errors."""
-    return np.where(np.abs(per_kilogram) < least_torque_per_kilogram(robot.model), 0.0, per_kilogram)
+    smallest_torque = least_torque_per_kilogram(robot.model)
+    return np.where(np.abs(per_kilogram) < smallest_torque, 0.0, per_kilogram)
 
 
 def largest_payload(
@@ -178,29 +193,31 @@ def largest_payload(
     require_fixed_base(robot, "the largest payload")
     L = effort_limits(robot, limits)
     unloaded = motor_torques(robot.model, resting_torques(robot, q))
-    per_kilogram = _without_round_off(robot, motor_torques(robot.model, torques_per_kilogram(robot, q, com, frame)))
+    joint_per_kilogram = torques_per_kilogram(robot, q, com, frame)
+    per_kilogram = _remove_rounding_errors(robot, motor_torques(robot.model, joint_per_kilogram))
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
     names = robot.model.drive_labels
     turning = drive_turns(robot.model)
     if robot.model.limited_followers:
-        of_followers = _followers(robot, q, com, frame)
-        unloaded = np.concatenate([unloaded, of_followers[0]], -1)
-        per_kilogram = np.concatenate([per_kilogram, of_followers[1]], -1)
-        L = np.concatenate([L, of_followers[2]])
-        names = (*names, *of_followers[3])
+        followers = _follower_torques(robot, q, com, frame)
+        unloaded = np.concatenate([unloaded, followers.unloaded], -1)
+        per_kilogram = np.concatenate([per_kilogram, followers.per_kilogram], -1)
+        L = np.concatenate([L, followers.limits])
+        names = (*names, *followers.names)
         turning += [bool(robot.model.bodies[i].joint.turning[0]) for i in robot.model.limited_followers]
-    masses = growth(unloaded, per_kilogram, L)
+    mass_range = growth(unloaded, per_kilogram, L)
     holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)
-    held_mass = np.where(holds, np.maximum(masses.most, 0.0), 0.0)
-    is_unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)
+    largest_mass = np.maximum(mass_range.most, 0.0)
+    held_mass = np.where(holds, largest_mass, 0.0)
+    is_unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)  # nan if one of the two is nan
     return LargestPayload(
         mass=np.where(is_unknown, np.nan, held_mass),
-        joint=np.where(holds, masses.joint, -1),
-        side=np.where(holds, masses.side, 0),
+        joint=np.where(holds, mass_range.joint, -1),
+        side=np.where(holds, mass_range.side, 0),
         holds=holds,
         unloaded=unloaded,
         per_kilogram=per_kilogram,
-        per_joint=masses.per_joint,
+        per_joint=mass_range.per_joint,
         limits=L,
         joint_names=names,
         units=units_of("tau", turning),
@@ -248,14 +265,17 @@ def payload_in_region(
     q = one_configuration(robot, q, "payload_in_region", "the best place is a linear programme of each pose")
     at_corners = largest_payload(robot, q, corners, frame=frame, limits=limits)
     worst = int(np.argmin(at_corners.mass))
-    if not at_corners.holds.all():
-        return RegionPayload(0.0, corners[worst], 0.0, corners[worst])
-    masses = _best_masses(at_corners.unloaded[0], at_corners.per_kilogram, at_corners.limits)
-    best = float(masses.sum())
-    best_com = corners[int(np.argmax(at_corners.mass))]
-    if 0 < best < np.inf:
-        best_com = masses @ corners / best
-    return RegionPayload(float(at_corners.mass[worst]), corners[worst], best, best_com)
+    worst_com = corners[worst]
+    if not at_corners.holds.all():  # the robot does not hold itself: no centre of mass is better
+        return RegionPayload(sure=0.0, worst_com=worst_com, best=0.0, best_com=worst_com)
+    unloaded = at_corners.unloaded[0]  # equal for all corners
+    corner_masses = _best_masses(unloaded, at_corners.per_kilogram, at_corners.limits)
+    best_mass = float(corner_masses.sum())
+    if 0 < best_mass < np.inf:
+        best_com = corner_masses @ corners / best_mass  # m c = Σ λ_k c_k
+    else:
+        best_com = corners[int(np.argmax(at_corners.mass))]
+    return RegionPayload(float(at_corners.mass[worst]), worst_com, best_mass, best_com)
 
 
 def _best_masses(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
@@ -283,10 +303,16 @@ def points(com: ArrayLike) -> Array:
 
 SLICES = {"xz": (0, 2, 1), "yz": (1, 2, 0), "xy": (0, 1, 2)}
 """In-plane axes of each slice and the axis across it; "rz" is radius and height, for any direction around z."""
-_CHUNK = 1 << 15
-"""Configurations computed at once."""
-_LEAST_CELLS, _MOST_CELLS = 8, 60
-"""Cells along the longer side."""
+_CHUNK_CONFIGURATIONS = 32768
+"""Number of configurations computed together."""
+_MIN_CELLS = 8
+"""Smallest number of cells along the longer side of a slice, unless given."""
+_MAX_CELLS = 60
+"""Largest number of cells along the longer side of a slice, unless given."""
+_MIN_EXTENT = 1e-9
+"""Extent of a slice [m] if all configurations have their tip at one point."""
+_CELL_ROUND_OFF = 1e-9
+"""Part of a cell by which the extent of a slice may exceed whole cells."""
 _SAMPLES_PER_CELL = 40
 """Configurations per cell of a square; typical slices fill half their cells."""
 
@@ -300,7 +326,7 @@ class PayloadMap:
     """
 
     plane: str
-    """"xz", "yz", "xy" or "rz"."""
+    """Name of the slice: "xz", "yz", "xy" or "rz"."""
     across: float
     """Position of the slice on the perpendicular axis [m]; 0 for "rz"."""
     thickness: float
@@ -371,32 +397,34 @@ def payload_map(
         raise ValueRangeError(f"at is {printed(at)}. Give where the slice lies on the axis across it [m].")
     require_fixed_base(robot, "a payload map")
     rng = arguments.generator(rng)
-    parts = []
-    for begin in range(0, samples, _CHUNK):
-        q = robot.random_configuration(rng, min(_CHUNK, samples - begin))
-        p = np.asarray(robot.forward_kinematics(q, frame))[:, :3, 3]
+    chunks: list[Array] = []  # rows (x, y, mass): tip in the plane [m] and largest payload [kg]
+    for begin in range(0, samples, _CHUNK_CONFIGURATIONS):
+        q = robot.random_configuration(rng, min(_CHUNK_CONFIGURATIONS, samples - begin))
+        T = np.asarray(robot.forward_kinematics(q, frame))
+        p = T[:, :3, 3]
         if plane == "rz":
-            in_plane = np.column_stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]])
+            radius = np.hypot(p[:, 0], p[:, 1])
+            in_plane = np.column_stack([radius, p[:, 2]])
         else:
-            first, second, across = SLICES[plane]
-            is_inside = np.abs(p[:, across] - at) <= 0.5 * thickness
+            x_axis, y_axis, normal_axis = SLICES[plane]
+            is_inside = np.abs(p[:, normal_axis] - at) <= 0.5 * thickness
             q = q[is_inside]
-            in_plane = p[is_inside][:, [first, second]]
+            in_plane = p[is_inside][:, [x_axis, y_axis]]
         if len(q):
             mass = largest_payload(robot, q, com, frame=frame, limits=limits).mass
-            parts.append(np.column_stack([in_plane, mass]))
-    if not parts:
+            chunks.append(np.column_stack([in_plane, mass]))
+    if not chunks:
         raise ValueRangeError(
             f"none of {samples} configurations has its tip in the {plane} slice {printed(thickness)} m thick at "
             f"{printed(at)} m. Move the slice, make it thicker, or draw more samples."
         )
-    rows = np.concatenate(parts)
+    tip_masses = np.concatenate(chunks)
     if cells is None:
-        cells_of_square = len(rows) / _SAMPLES_PER_CELL
-        cells = int(np.clip(np.sqrt(cells_of_square), _LEAST_CELLS, _MOST_CELLS))
+        total_cells = len(tip_masses) / _SAMPLES_PER_CELL
+        cells = int(np.clip(np.sqrt(total_cells), _MIN_CELLS, _MAX_CELLS))
     if plane == "rz":  # has no slab
         at, thickness = 0.0, np.inf
-    edges, best, worst, count = _sort_into_cells(rows, cells)
+    edges, best, worst, count = _sort_into_cells(tip_masses, cells)
     return PayloadMap(plane, at, thickness, edges, best, worst, count)
 
 
@@ -407,13 +435,18 @@ def plane_and_samples(plane: str, samples: int) -> tuple[str, int]:
     return plane, arguments.whole(samples, "samples", 1)
 
 
-def _sort_into_cells(rows: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array, Array]:
-    """Borders of square cells, and for each cell the maximum, minimum and number of the masses of rows (x, y, mass)."""
-    x, y, mass = rows.T
-    low = rows[:, :2].min(axis=0)
-    high = rows[:, :2].max(axis=0)
-    size = max(float((high - low).max()), 1e-9) / cells  # 1e-9: all rows may be at one point
-    nx, ny = (np.maximum(np.ceil((high - low) / size - 1e-9), 1)).astype(int)  # 1e-9: round-off adds no cell
+def _sort_into_cells(tip_masses: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array, Array]:
+    """Borders of square cells, and for each cell the maximum, minimum and number of its masses.
+
+    The rows of ``tip_masses`` are (x, y, mass); ``cells`` is the number along the longer side.
+    """
+    x, y, mass = tip_masses.T
+    low = tip_masses[:, :2].min(axis=0)
+    high = tip_masses[:, :2].max(axis=0)
+    extent = high - low
+    size = max(float(extent.max()), _MIN_EXTENT) / cells
+    cell_counts = np.ceil(extent / size - _CELL_ROUND_OFF).astype(int)
+    nx, ny = np.maximum(cell_counts, 1)
     column = np.clip(((x - low[0]) / size).astype(int), 0, nx - 1)
     row = np.clip(((y - low[1]) / size).astype(int), 0, ny - 1)
     best = np.full((ny, nx), -np.inf)
@@ -422,7 +455,9 @@ def _sort_into_cells(rows: Array, cells: int) -> tuple[tuple[Array, Array], Arra
     np.minimum.at(worst, (row, column), mass)
     count = np.zeros((ny, nx), int)
     np.add.at(count, (row, column), 1)
-    best[count == 0] = worst[count == 0] = np.nan
+    is_empty = count == 0
+    best[is_empty] = np.nan
+    worst[is_empty] = np.nan
     edges = (low[0] + size * np.arange(nx + 1), low[1] + size * np.arange(ny + 1))
     return edges, best, worst, count
 

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
+_RANK_TOLERANCE = 1e-9
+"""Singular value, relative to the largest entry, up to which a pattern of bolts has a lower rank."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class MountingLoad:
     """Wrench of a robot on its foundation, of n instants."""
@@ -39,15 +43,20 @@ class MountingLoad:
 
     @property
     def largest(self) -> dict[str, tuple[float, int]]:
-        """Value of largest magnitude of each component ``mx`` … ``fz``, with its sign, and its row."""
-        rows = np.abs(self.wrench).argmax(axis=0).tolist()
-        return {name: (float(self.wrench[rows[k], k]), rows[k]) for k, name in enumerate(WRENCH)}
+        """Value of largest magnitude of each component ``mx`` … ``fz``, with its sign, and the index of its instant."""
+        instants = np.abs(self.wrench).argmax(axis=0).tolist()
+        largest: dict[str, tuple[float, int]] = {}
+        for k, name in enumerate(WRENCH):
+            instant = instants[k]
+            largest[name] = (float(self.wrench[instant, k]), instant)
+        return largest
 
     def bolts(self, places: ArrayLike, preload: float = 0.0) -> Array:
         """Axial and shear loads of bolts through a rigid flange in the frame's xy plane; the axial load pulls if above 0.
 
-        The plate shares force and tilting moment linearly over the pattern: N_i = a + b x_i + c y_i. Shear is the force
-        across, shared equally, and the torsion m_z about the pattern's centre, in proportion to the distance from it.
+        The plate shares axial force and tilting moment linearly over the pattern: N_i = a + b x_i + c y_i. Bolts share the
+        force in the plane equally. They share the torsion m_z about the pattern's centre in proportion to their distance
+        from it.
 
         Parameters
         ----------
@@ -74,21 +83,25 @@ class MountingLoad:
         xy = arguments.finite(places, "places of bolts", 2)
         if xy.ndim != 2:
             raise ShapeError(f"places of bolts have the shape {xy.shape}. Give (k, 2): x and y of each bolt [m].")
-        count = len(xy)
-        pattern = np.column_stack([np.ones(count), xy])  # N = pattern @ (a, b, c)
-        tolerance = 1e-9 * max(1.0, float(np.abs(xy).max(initial=0.0)))
-        if np.linalg.matrix_rank(pattern, tol=tolerance) < 3:
+        bolt_count = len(xy)
+        pattern = np.column_stack([np.ones(bolt_count), xy])  # N = pattern @ (a, b, c)
+        largest_entry = max(1.0, float(np.abs(xy).max(initial=0.0)))
+        if np.linalg.matrix_rank(pattern, tol=_RANK_TOLERANCE * largest_entry) < 3:
             raise ValueRangeError(
-                f"{count} bolts in one line bear no moment about it. Give at least three places that are not in one line."
+                f"{bolt_count} bolts in one line bear no moment about it. Give at least three places that are not in one line."
             )
         mx, my, mz, fx, fy, fz = self.wrench.T
-        pull = np.stack([fz, -my, mx], axis=1)  # Σ N, Σ N x, Σ N y: the foundation pulls back what the robot lifts
-        axial = pull @ np.linalg.inv(pattern.T @ pattern) @ pattern.T + arguments.number(preload, "preload")
+        axial_sums = np.stack(
+            [fz, -my, mx], axis=1
+        )  # Σ N, Σ N x, Σ N y: the foundation pulls back what the robot lifts
+        axial = axial_sums @ np.linalg.inv(pattern.T @ pattern) @ pattern.T + arguments.number(preload, "preload")
         centre = xy.mean(axis=0)
         x, y = (xy - centre).T
-        twist = (mz - centre[0] * fy + centre[1] * fx) / (x**2 + y**2).sum()  # torsion over polar moment of the pattern
-        shear_x = fx[:, None] / count - twist[:, None] * y
-        shear_y = fy[:, None] / count + twist[:, None] * x
+        torsion = mz - centre[0] * fy + centre[1] * fx  # moment about the centre
+        polar_moment = (x**2 + y**2).sum()
+        force_per_distance = torsion / polar_moment
+        shear_x = fx[:, None] / bolt_count - force_per_distance[:, None] * y
+        shear_y = fy[:, None] / bolt_count + force_per_distance[:, None] * x
         return np.stack([axial, np.hypot(shear_x, shear_y)], axis=-1)
 
     def __repr__(self) -> str:
@@ -115,11 +128,11 @@ class BearingLoads:
     radial: Array
     """(n, k): force across the axis [N]."""
     tilting: Array
-    """(n, k): moment across the axis of a turning joint; the whole moment of a sliding joint [N m]."""
+    """(n, k): moment across the axis of a turning joint; for a sliding joint, its whole moment [N m]."""
 
 
 def bolt_circle(count: int, diameter: float) -> Array:
-    """Places (count, 2) of bolts, evenly spaced on a circle about the frame's origin, the first on the x axis [m].
+    """Places (count, 2) [m] of bolts spaced evenly on a circle about the frame's origin; the first bolt is on the x axis.
 
     Parameters
     ----------
@@ -135,7 +148,8 @@ def bolt_circle(count: int, diameter: float) -> Array:
     >>> bolt_circle(4, 0.2).round(3).tolist()
     [[0.1, 0.0], [0.0, 0.1], [-0.1, 0.0], [-0.0, -0.1]]
     """
-    angle = 2 * np.pi * np.arange(arguments.whole(count, "the number of bolts", 3)) / count
+    count = arguments.whole(count, "the number of bolts", 3)
+    angle = 2 * np.pi * np.arange(count) / count
     radius = 0.5 * arguments.positive(diameter, "the diameter of a bolt circle", "m")
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -149,7 +163,7 @@ def mounting_load(
     *,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
 ) -> MountingLoad:
-    """Wrench on its foundation, along a motion, of all that stands on a frame of a robot with a fixed base.
+    """Wrench on the foundation from all that stands on a frame of a robot with a fixed base, along a motion.
 
     Parameters
     ----------
@@ -193,23 +207,25 @@ def mounting_load(
     for k, body in enumerate(model.bodies):
         if body.parent == BASE and _stands_on(model, _carrier(model, body), frame):
             wrench = wrench - _transform(_poses(body, q), F[..., k, :])
-    for name, F_on in (wrench_on_robot or {}).items():
-        if model.frame(name).body == BASE and _stands_on(model, name, frame):
-            wrench = wrench + _transform(model.frame(name).pose, np.asarray(F_on, float))
+    wrenches_on_robot = {} if wrench_on_robot is None else wrench_on_robot
+    for name, F_on in wrenches_on_robot.items():
+        loaded_frame = model.frame(name)
+        if loaded_frame.body == BASE and _stands_on(model, name, frame):  # joints transmit wrenches on moving links
+            wrench = wrench + _transform(loaded_frame.pose, np.asarray(F_on, float))
     if frame in model.sites or frame == root:
-        still = model.base_inertia
+        fixed_inertia = model.base_inertia
     else:
-        still = _fixed_inertia(model, frame)
-    weight = still.mass * model.gravity
-    wrench = wrench + np.concatenate([np.cross(still.com, weight), weight])
+        fixed_inertia = _fixed_inertia(model, frame)
+    weight = fixed_inertia.mass * model.gravity
+    wrench = wrench + np.concatenate([np.cross(fixed_inertia.com, weight), weight])
     wrench_at_frame = _transform(se3.inverse(model.frame(frame).pose), wrench)
     return MountingLoad(np.atleast_2d(wrench_at_frame), frame)
 
 
 def _root_link(model: Model) -> str:
     """Fixed link that no other link carries."""
-    fixed = [name for name, frame in model.frames.items() if frame.body == BASE]
-    return next(name for name in fixed if _parent(model, name) not in model.frames)
+    fixed_links = [name for name, frame in model.frames.items() if frame.body == BASE]
+    return next(link for link in fixed_links if _parent(model, link) not in model.frames)
 
 
 def _check_mounting(model: Model, frame: str) -> None:
@@ -219,10 +235,10 @@ def _check_mounting(model: Model, frame: str) -> None:
             f"{frame!r} moves with a joint. Give a link fixed to the base of robot {model.name!r}. The load of what moves it "
             "is that of the joint's bearing: give limits with columns radial, axial, tilting, or use statics.bearing_loads."
         )
-    fixed = [name for name, fixed_frame in model.frames.items() if fixed_frame.body == BASE]
-    if frame in model.sites and len(fixed) > 1:
+    fixed_links = [name for name, fixed_frame in model.frames.items() if fixed_frame.body == BASE]
+    if frame in model.sites and len(fixed_links) > 1:
         raise ValueRangeError(
-            f"{frame!r} is a site, and the links that stand on it are not known. Give one of {listed(fixed)}."
+            f"{frame!r} is a site, and the links that stand on it are not known. Give one of {listed(fixed_links)}."
         )
 
 
@@ -233,28 +249,29 @@ def _parent(model: Model, link: str) -> str:
 
 
 def _stands_on(model: Model, link: str, frame: str) -> bool:
-    """True if a link is ``frame`` or beyond it in the tree. All links stand on a site, which the only fixed link has."""
+    """True if a link is ``frame`` or beyond it in the tree. If ``frame`` is a site, there is one fixed link: always True."""
     while link and link != frame:
         link = _parent(model, link)
     return link == frame or frame in model.sites
 
 
 def _carrier(model: Model, body: Body) -> str:
-    """Link of a body; for a rotor, the link that carries it: that given, or else the parent of the driven link."""
+    """Link of a body; for a rotor, its carrying link: the actuator's, or else the parent of the driven link."""
     if body.joint.moves_body:
         return body.link
-    actuator = next(a for a in model.actuators.values() if f"{a.joint}.rotor" == body.link)
+    actuator = next(actuator for actuator in model.actuators.values() if f"{actuator.joint}.rotor" == body.link)
     if actuator.rotor is not None and actuator.rotor.link is not None:
         return actuator.rotor.link
-    driven_link = next(driven.link for driven in model.bodies if driven.joint.name == actuator.joint)
-    return _parent(model, driven_link)
+    driven_body = next(driven for driven in model.bodies if driven.joint.name == actuator.joint)
+    return _parent(model, driven_body.link)
 
 
 def _poses(body: Body, q: Array) -> Array:
     """Poses (..., 4, 4) in the base frame of a body that the base carries."""
     q_indices, _ = body.places
     coordinates = body.ratio * q[..., q_indices] + body.offset
-    poses = [body.placement @ body.joint.pose(x) for x in coordinates.reshape(-1, coordinates.shape[-1])]
+    rows = coordinates.reshape(-1, coordinates.shape[-1])  # one row per configuration
+    poses = [body.placement @ body.joint.pose(row) for row in rows]
     return np.reshape(poses, (*q.shape[:-1], 4, 4))
 
 
@@ -299,9 +316,9 @@ def bearing_loads(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> 
     model = require_robot(robot, "bearing_loads").model
     F = np.asarray(robot.joint_wrenches(q, dq, ddq))
     loads = bearing_load_components(model, F.reshape(-1, *F.shape[-2:]))
-    single = [k for k, body in enumerate(model.bodies) if body.joint.nv == 1 and body.joint.moves_body]
-    names = tuple(model.bodies[k].joint.name for k in single)
-    return BearingLoads(names, *(loads[kind][:, single] for kind in BEARINGS))
+    indices = [k for k, body in enumerate(model.bodies) if body.joint.nv == 1 and body.joint.moves_body]
+    names = tuple(model.bodies[k].joint.name for k in indices)
+    return BearingLoads(names, *(loads[kind][:, indices] for kind in BEARINGS))  # its fields have the order of BEARINGS
 
 
 complete(globals())

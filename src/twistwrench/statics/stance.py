@@ -1,4 +1,4 @@
-"""Base of a legged robot that stands: from its joints and a foot that stays."""
+"""Motion of the base of a legged robot that stands, from its joints and the feet that do not move."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _MIN_STANCE_DROP = 0.005
-"""A foot becomes the stance foot if it is lower than the other by this height [m]."""
+"""Height [m] by which a foot is lower than the stance foot before it becomes the stance foot itself."""
 _MIN_STANCE_TIME = 0.02
-"""The new stance foot must be lower for this time [s]."""
+"""Time [s] for which the new stance foot must be lower."""
 _MAX_EQUAL_HEIGHT = 0.0005
-"""Difference in height up to which both feet stand [m]. The new stance foot keeps its place of the last such row."""
+"""Difference in height [m] up to which both feet stand. The new stance foot takes over in the last such row."""
 _MAX_DISTANCE_FROM_PLANE = 0.01
-"""Largest distance of points from one plane for which they all stand on it [m]."""
+"""Largest distance of points from a plane at which they still stand on it [m]."""
 _MIN_COSINE_OF_LEAN = np.cos(np.radians(45.0))
 """Cosine of the largest angle between the feet's plane and the base's horizontal at the first instant."""
 
@@ -73,7 +73,9 @@ def base_from_stance(robot: Robot, motion: Motion, feet: Sequence[str], stance: 
     """
     require_robot(robot, "base_from_stance")
     names = motion.robot.coordinate_names
-    if not floating_entries(robot)[:6].all() or robot.coordinate_names[7:] != names:
+    has_free_base = floating_entries(robot)[:6].all()
+    has_same_joints = robot.coordinate_names[7:] == names
+    if not (has_free_base and has_same_joints):
         raise ShapeError(
             f"base_from_stance takes robot {robot.name!r} with a floating base, and a motion of its joints alone; the motion "
             f"has the coordinates {', '.join(names[:8])}. Load the robot with floating_base=True."
@@ -98,13 +100,14 @@ def resting_points(soles: Mapping[str, Array]) -> dict[str, Array]:
     One or two feet without known soles do not determine the pose of the base. They get three corners each, so that their
     whole frame does not move.
     """
-    if len(soles) >= _MIN_POINT_FEET or any(len(points) > 1 for points in soles.values()):
+    has_known_sole = any(len(points) > 1 for points in soles.values())
+    if has_known_sole or len(soles) >= _MIN_POINT_FEET:
         return dict(soles)
     return {frame: points + _CORNERS_OF_UNKNOWN_SOLE for frame, points in soles.items()}
 
 
 _MIN_POINT_FEET = 3
-"""Least number of feet that determine the pose of the base together if they are points."""
+"""Smallest number of feet, as points, that determine the pose of the base together."""
 _CORNERS_OF_UNKNOWN_SOLE = 0.005 * np.array([(1.0, 1, 0), (1, -1, 0), (-1, 0, 0)])
 """Corners (3, 3) about the origin of a foot without a known sole [m]."""
 
@@ -112,30 +115,31 @@ _CORNERS_OF_UNKNOWN_SOLE = 0.005 * np.array([(1.0, 1, 0), (1, -1, 0), (-1, 0, 0)
 def stance_rates(
     robot: Robot, q: Array, dq: Array, ddq: Array, soles: Mapping[str, Array], standing: Array
 ) -> tuple[Array, Array]:
-    """Velocities and accelerations (n, nv) of base and joints, from those of the joints (n, nv - 6).
+    """Velocities and accelerations (n, nv) of base and joints, from velocities and accelerations (n, nv - 6) of the joints.
 
-    ``standing`` (n, k) is true for the feet whose points do not move: J_b V_b + J_q dq = 0 gives the base's twist, and the
-    accelerations of these points without that of the base give its rate.
+    ``standing`` (n, k) is true for the feet whose points do not move: J_b V_b + J_q dq = 0 gives the base's twist V_b. The
+    accelerations of these points at dV_b = 0 give dV_b.
     """
-    base = np.zeros((len(q), 6))
-    velocities = np.column_stack([base, dq])
-    accelerations = np.column_stack([base, ddq])
+    no_motion = np.zeros((len(q), 6))  # of the base, replaced below
+    velocities = np.column_stack([no_motion, dq])
+    accelerations = np.column_stack([no_motion, ddq])
     if not soles:
         return velocities, accelerations
-    for mask in np.unique(standing, axis=0):
-        rows = np.flatnonzero((standing == mask).all(axis=1))
+    for standing_feet in np.unique(standing, axis=0):
+        rows = np.flatnonzero((standing == standing_feet).all(axis=1))
         contacts: list[Contact] = []
-        for frame in compress(soles, mask):
+        for frame in compress(soles, standing_feet):
             contacts += [Contact(point, frame=frame) for point in soles[frame]]
         maps, _ = contact_maps(robot, q[rows], contacts)
         J = np.moveaxis(maps, 1, -1).reshape(len(rows), -1, robot.nv)  # of all points
         inverse_J_b = np.linalg.pinv(J[:, :, :6])
-        velocities[rows, :6] = -_apply(inverse_J_b, _apply(J[:, :, 6:], velocities[rows, 6:]))
-        without_base = []
+        velocities_by_joints = _apply(J[:, :, 6:], velocities[rows, 6:])
+        velocities[rows, :6] = -_apply(inverse_J_b, velocities_by_joints)
+        accelerations_without_base = []
         for contact in contacts:
             a = _point_acceleration(robot, q[rows], velocities[rows], accelerations[rows], contact)
-            without_base.append(a)
-        accelerations[rows, :6] = -_apply(inverse_J_b, np.concatenate(without_base, axis=1))
+            accelerations_without_base.append(a)
+        accelerations[rows, :6] = -_apply(inverse_J_b, np.concatenate(accelerations_without_base, axis=1))
     return velocities, accelerations
 
 
@@ -144,7 +148,8 @@ def _point_acceleration(robot: Robot, q: Array, dq: Array, ddq: Array, contact: 
     V = np.asarray(robot.frame_velocity(q, dq, contact.frame))
     A = np.asarray(robot.frame_acceleration(q, dq, ddq, contact.frame))
     w, v = V[:, :3], V[:, 3:]
-    a = A[:, 3:] + np.cross(w, v) + np.cross(A[:, :3], contact.point) + np.cross(w, np.cross(w, contact.point))
+    dw, dv = A[:, :3], A[:, 3:]
+    a = dv + np.cross(w, v) + np.cross(dw, contact.point) + np.cross(w, np.cross(w, contact.point))
     R = np.asarray(robot.forward_kinematics(q, contact.frame))[:, :3, :3]
     return _apply(R, a)
 
@@ -162,10 +167,10 @@ def base_poses(
     stance: str | Sequence[str] = "auto",
     normal: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Poses (n, 4, 4) of the base of a robot that stands, and a mask (n, k) of the feet whose points do not move.
+    """Poses (n, 4, 4) of the base of a robot that stands, and (n, k) True for feet whose points do not move.
 
     ``robot`` has a fixed base; ``soles`` are the corners of each foot in its frame. A flat foot stands alone; feet that are
-    points stand together, at least three of them. ``normal`` (3,) is that of the ground; None: the world's vertical axis.
+    points stand together, at least three of them. ``normal`` (3,) is the ground's; None: the world's vertical axis.
     """
     up = upward(robot)
     frames = list(soles)
@@ -174,45 +179,49 @@ def base_poses(
     for frame, points in soles.items():
         T = np.asarray(robot.forward_kinematics(q, frame)).reshape(-1, 4, 4)
         corners.append(points @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3])
-    start = _pose_on_plane([points[0] for points in corners], up, ground_normal)
-    chosen = _chosen_feet(stance, frames, len(q))
-    widths = [_nearest_plane(points[0], up)[1] for points in corners]
-    if chosen is None and max(widths) <= MIN_SOLE_WIDTH:
+    first_corners = [foot_corners[0] for foot_corners in corners]  # in the first row
+    start = _pose_on_plane(first_corners, up, ground_normal)
+    stance_feet = _chosen_feet(stance, frames, len(q))
+    widths = []
+    for points in first_corners:
+        _, width, _ = _nearest_plane(points, up)
+        widths.append(width)
+    if stance_feet is None and max(widths) <= MIN_SOLE_WIDTH:
         return _PointFeet(time, corners, ground_normal, frames).poses(start)
-    return _flat_foot(time, corners, ground_normal, start, chosen)
+    return _flat_foot(time, corners, ground_normal, start, stance_feet)
 
 
 def _flat_foot(
-    time: Array, corners: Sequence[Array], up: Array, start: Array, chosen: Array | None
+    time: Array, corners: Sequence[Array], up: Array, start: Array, stance_feet: Array | None
 ) -> tuple[Array, Array]:
-    """Poses of the base while one foot after the other stands, and a mask of the foot that stands.
+    """Poses (n, 4, 4) of the base while one foot after the other stands, and (n, k) True for the foot that stands.
 
-    ``chosen`` is the number of the stance foot in each row; None: the lowest foot stands.
+    ``stance_feet`` (n,) is the index of the stance foot in each row; None: the lowest foot stands.
     """
     n = len(time)
     T_sb = np.tile(start, (n, 1, 1))
     standing = np.zeros((n, len(corners)), bool)
-    if chosen is None:
+    if stance_feet is None:
         foot = int(_sole_heights(corners, T_sb, up)[0].argmin())
     else:
-        foot = int(chosen[0])
-    row = 0  # from which on ``foot`` stands
+        foot = int(stance_feet[0])
+    row = 0  # first row in which ``foot`` stands
     while row < n:
         targets = corners[foot][row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3]
         T_sb[row:] = _fit_poses(corners[foot][row:], targets)
-        if chosen is None:
-            heights = _sole_heights([c[row:] for c in corners], T_sb[row:], up)
-            row_count, successor = _next_lowest(time[row:], heights, foot)
+        if stance_feet is None:
+            heights = _sole_heights([foot_corners[row:] for foot_corners in corners], T_sb[row:], up)
+            row_count, next_foot = _next_lowest(time[row:], heights, foot)
         else:
-            row_count, successor = _next_chosen(chosen[row:], foot)
+            row_count, next_foot = _next_chosen(stance_feet[row:], foot)
         standing[row : row + row_count, foot] = True
         row += row_count
-        foot = successor
+        foot = next_foot
     return T_sb, standing
 
 
 class _PointFeet:
-    """Base on feet that are points: those on the ground keep their places, at least three at a time."""
+    """Base on feet that are points: feet on the ground do not move, at least three at a time."""
 
     def __init__(self, time: Array, corners: Sequence[Array], up: Array, frames: Sequence[str]) -> None:
         self.time = time
@@ -221,55 +230,57 @@ class _PointFeet:
         self.frames = frames
 
     def poses(self, start: Array) -> tuple[Array, Array]:
-        """Poses (n, 4, 4) of the base, and a mask (n, k) of the feet that stand."""
-        n, k = len(self.time), len(self.corners)
+        """Poses (n, 4, 4) of the base, and (n, k) True for feet that stand."""
+        n, foot_count = len(self.time), len(self.corners)
         T_sb = np.tile(start, (n, 1, 1))
-        standing = np.zeros((n, k), bool)
-        heights = _sole_heights(self.corners, T_sb[:1], self.up)[0]
-        down = heights <= heights.min() + _MAX_DISTANCE_FROM_PLANE  # (k,) feet that stand from ``row`` on
-        raised = np.zeros(k, bool)  # feet that were lifted since they stood, and so may stand again
+        standing = np.zeros((n, foot_count), bool)
+        start_heights = _sole_heights(self.corners, T_sb[:1], self.up)[0]
+        stands = start_heights <= start_heights.min() + _MAX_DISTANCE_FROM_PLANE  # (k,) from ``row`` on
+        was_lifted = np.zeros(foot_count, bool)  # since the foot stood: only then it may stand again
         row = 0
         while row < n:
-            self._require_area(down, row)
-            targets = [c[row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3] for c in self.corners]
-            standing_feet = np.flatnonzero(down).tolist()
-            points = np.concatenate([self.corners[i][row:] for i in standing_feet], axis=1)
-            T_sb[row:] = _fit_poses(points, np.concatenate([targets[i] for i in standing_feet]))
-            displacements = np.stack([self._displacement(i, row, T_sb, targets[i]) for i in range(k)], axis=1)
-            heights = _sole_heights([c[row:] for c in self.corners], T_sb[row:], self.up)
-            floor = heights[:, down].min(axis=1, keepdims=True)
-            leaves = (displacements > _MIN_STANCE_DROP) & down
-            lifted = np.maximum.accumulate(heights > floor + 2 * _MIN_STANCE_DROP, axis=0) | raised
-            lands = lifted & (heights <= floor + _MIN_STANCE_DROP) & ~down
-            events = np.flatnonzero((leaves | lands)[1:].any(axis=1)) + 1
-            if not len(events):
-                standing[row:] = down
+            self._require_area(stands, row)
+            targets = [points[row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3] for points in self.corners]
+            standing_feet = np.flatnonzero(stands).tolist()
+            points = np.concatenate([self.corners[foot][row:] for foot in standing_feet], axis=1)
+            T_sb[row:] = _fit_poses(points, np.concatenate([targets[foot] for foot in standing_feet]))
+            displacements = np.stack(
+                [self._displacement(foot, row, T_sb, targets[foot]) for foot in range(foot_count)], axis=1
+            )
+            heights = _sole_heights([points[row:] for points in self.corners], T_sb[row:], self.up)
+            floor = heights[:, stands].min(axis=1, keepdims=True)
+            leaves = (displacements > _MIN_STANCE_DROP) & stands
+            is_lifted = np.maximum.accumulate(heights > floor + 2 * _MIN_STANCE_DROP, axis=0) | was_lifted
+            lands = is_lifted & (heights <= floor + _MIN_STANCE_DROP) & ~stands
+            event_rows = np.flatnonzero((leaves | lands)[1:].any(axis=1)) + 1
+            if not len(event_rows):
+                standing[row:] = stands
                 break
-            row_count = int(events[0])
-            standing[row : row + row_count] = down
-            raised = lifted[row_count] & ~lands[row_count]
+            row_count = int(event_rows[0])
+            standing[row : row + row_count] = stands
+            was_lifted = is_lifted[row_count] & ~lands[row_count]
+            next_stands = stands | lands[row_count]
             if leaves[row_count].any():  # only the foot that slides most leaves; the others may then fit again
-                leaving = int(np.where(down, displacements[row_count], -1.0).argmax())
-                down = down | lands[row_count]
-                down[leaving] = False
-                raised[leaving] = False
-            else:
-                down = down | lands[row_count]
+                leaving_foot = int(np.where(stands, displacements[row_count], -1.0).argmax())
+                next_stands[leaving_foot] = False
+                was_lifted[leaving_foot] = False
+            stands = next_stands
             row += row_count
         return T_sb, standing
 
     def _displacement(self, foot: int, row: int, poses: Array, targets: Array) -> Array:
         """Largest distance (m,) of a foot's corners from their targets, in each of the m rows from ``row`` on."""
-        points = np.einsum("nij,nkj->nki", poses[row:, :3, :3], self.corners[foot][row:]) + poses[row:, None, :3, 3]
+        R, p = poses[row:, :3, :3], poses[row:, None, :3, 3]
+        points = np.einsum("nij,nkj->nki", R, self.corners[foot][row:]) + p
         return np.asarray(np.linalg.norm(points - targets, axis=-1).max(axis=1))
 
-    def _require_area(self, down: Array, row: int) -> None:
+    def _require_area(self, stands: Array, row: int) -> None:
         """Raise ValueRangeError if the points of the feet that stand lie on one line."""
-        standing_feet = np.flatnonzero(down).tolist()
-        points = np.concatenate([self.corners[i][row] for i in standing_feet])
+        standing_feet = np.flatnonzero(stands).tolist()
+        points = np.concatenate([self.corners[foot][row] for foot in standing_feet])
         _, width, _ = _nearest_plane(points, self.up)
         if width <= MIN_SOLE_WIDTH:
-            names = listed([self.frames[i] for i in standing_feet])
+            names = listed([self.frames[foot] for foot in standing_feet])
             raise ValueRangeError(
                 f"at t = {seconds(float(self.time[row]))} s the robot stands on {names} alone, which are points: the pose "
                 "of its base is not known from the joints. Give a log with the pose of the base, and load the robot with a "
@@ -281,10 +292,11 @@ def _fit_poses(points: Array, targets: Array) -> Array:
     """Poses (n, 4, 4) that bring points (n, k, 3) nearest to targets (k, 3). Source: Kabsch, Acta Cryst. A32, 1976."""
     point_means = points.mean(axis=1)
     target_mean = targets.mean(axis=0)
-    U, _, Vt = np.linalg.svd(np.einsum("ki,nkj->nij", targets - target_mean, points - point_means[:, None]))
-    D = np.tile(np.eye(3), (len(points), 1, 1))
-    D[:, 2, 2] = np.sign(np.linalg.det(U @ Vt))  # a rotation, not a reflection
-    R = U @ D @ Vt
+    H = np.einsum("ki,nkj->nij", targets - target_mean, points - point_means[:, None])
+    U, _, Vt = np.linalg.svd(H)
+    S = np.tile(np.eye(3), (len(points), 1, 1))
+    S[:, 2, 2] = np.sign(np.linalg.det(U @ Vt))  # a rotation, not a reflection
+    R = U @ S @ Vt
     T = np.tile(np.eye(4), (len(points), 1, 1))
     T[:, :3, :3] = R
     T[:, :3, 3] = target_mean - _apply(R, point_means)
@@ -292,18 +304,18 @@ def _fit_poses(points: Array, targets: Array) -> Array:
 
 
 def _sole_heights(corners: Sequence[Array], poses: Array, up: Array) -> Array:
-    """Heights (n, k) of the lowest corners of the feet, with corners (n, c, 3) of each."""
+    """Heights (n, k) of the lowest corner of each foot, from the corners (n, c, 3) of each foot."""
     return np.stack([_least_heights(foot_corners, poses, up) for foot_corners in corners], axis=1)
 
 
 def _least_heights(corners: Array, poses: Array, up: Array) -> Array:
-    """Heights (n,) of the lowest of the corners (n, c, 3) in the frame of a base at ``poses`` (n, 4, 4)."""
+    """Heights (n,) of the lowest of corners (n, c, 3), which are in the frame of a base at ``poses`` (n, 4, 4)."""
     heights_above_base = np.einsum("nij,nkj->nki", poses[:, :3, :3], corners) @ up
     return np.asarray(heights_above_base.min(axis=1) + poses[:, :3, 3] @ up)
 
 
 def _chosen_feet(stance: str | Sequence[str], frames: Sequence[str], n: int) -> Array | None:
-    """Number (n,) of the given stance foot of each row; None if ``stance`` is "auto"."""
+    """Index (n,) of the given stance foot of each row; None if ``stance`` is "auto"."""
     if isinstance(stance, str) and stance == "auto":
         return None
     names = [stance] * n if isinstance(stance, str) else list(stance)
@@ -315,53 +327,56 @@ def _chosen_feet(stance: str | Sequence[str], frames: Sequence[str], n: int) -> 
     return np.array([frames.index(name) for name in names])
 
 
-def _next_chosen(chosen: Array, foot: int) -> tuple[int, int]:
-    """Number of rows before another foot is chosen, and that foot; ``foot`` itself if there is none."""
-    rows_of_others = np.flatnonzero(chosen != foot)
+def _next_chosen(stance_feet: Array, foot: int) -> tuple[int, int]:
+    """Number of rows before another foot is chosen, and that foot; all rows and ``foot`` itself if there is none."""
+    rows_of_others = np.flatnonzero(stance_feet != foot)
     if not len(rows_of_others):
-        return len(chosen), foot
+        return len(stance_feet), foot
     row = int(rows_of_others[0])
-    return row, int(chosen[row])
+    return row, int(stance_feet[row])
 
 
 def _next_lowest(time: Array, heights: Array, foot: int) -> tuple[int, int]:
-    """Number of rows before another foot stands, and that foot; ``foot`` itself if there is none."""
-    lowest = heights.argmin(axis=1)
-    is_lower = heights[np.arange(len(lowest)), lowest] < heights[:, foot] - _MIN_STANCE_DROP
-    is_lower[0] = False  # ``foot`` stands at least in its first row
+    """Number of rows before another foot stands, and that foot; all rows and ``foot`` itself if there is none."""
+    lowest_feet = heights.argmin(axis=1)
+    least_heights = heights[np.arange(len(lowest_feet)), lowest_feet]
+    other_is_lower = least_heights < heights[:, foot] - _MIN_STANCE_DROP
+    other_is_lower[0] = False  # ``foot`` stands at least in its first row
     search_start = 0
-    while True:
-        begins = np.flatnonzero(is_lower[search_start:])
-        if not len(begins):
+    while True:  # for each span of rows in which another foot is lower
+        lower_rows = np.flatnonzero(other_is_lower[search_start:])
+        if not len(lower_rows):
             return len(time), foot
-        begin = search_start + int(begins[0])
-        ends = np.flatnonzero(~is_lower[begin:])
-        end = begin + int(ends[0]) if len(ends) else len(time)
+        begin = search_start + int(lower_rows[0])
+        rows_after = np.flatnonzero(~other_is_lower[begin:])
+        end = begin + int(rows_after[0]) if len(rows_after) else len(time)
         is_long_enough = time[end - 1] - time[begin] >= _MIN_STANCE_TIME
         lasts_to_end = end == len(time) and end - begin > 1
         if is_long_enough or lasts_to_end:
-            successor = int(lowest[begin])
-            equal = np.flatnonzero(heights[:begin, successor] > heights[:begin, foot] - _MAX_EQUAL_HEIGHT)
+            next_foot = int(lowest_feet[begin])
+            is_as_low = heights[:begin, next_foot] > heights[:begin, foot] - _MAX_EQUAL_HEIGHT  # both stand
+            rows_of_both = np.flatnonzero(is_as_low)
             row_count = 1
-            if len(equal):
-                row_count = int(equal[-1]) + 1
-            return row_count, successor
+            if len(rows_of_both):
+                row_count = int(rows_of_both[-1]) + 1
+            return row_count, next_foot
         search_start = end
 
 
 def level_pose(robot: Robot, points: Array, normal: Array) -> Array:
-    """Pose (4, 4) of the base in which the plane of points (k, 3) is that of the ground through the origin."""
+    """Pose (4, 4) of the base that brings the plane of points (k, 3) onto the ground, which goes through the origin."""
     return _pose_on_plane([points], upward(robot), normal)
 
 
 def _pose_on_plane(corners: Sequence[Array], up: Array, ground_normal: Array) -> Array:
-    """Pose of the base in which the feet's plane is that of the ground, through the origin.
+    """Pose (4, 4) of the base that brings the feet's plane onto the ground, which goes through the origin.
 
     If not all feet stand on one plane, the plane of the lowest corners is used. If these do not determine a plane, the
     base's own axis ``up`` is along the ground's normal.
     """
 
     def is_plane_to_stand_on(normal: Array, width: float) -> bool:
+        """True if points determine a plane, by their width, and the base does not lean too far on it."""
         return bool(width > MIN_SOLE_WIDTH and normal @ up > _MIN_COSINE_OF_LEAN)
 
     points = np.concatenate(corners)
@@ -380,9 +395,9 @@ def _pose_on_plane(corners: Sequence[Array], up: Array, ground_normal: Array) ->
 
 
 def _nearest_plane(points: Array, up: Array) -> tuple[Array, float, float]:
-    """Normal of the plane nearest to some points, their width across their longest direction in it, and the largest distance.
+    """Normal of the plane nearest to some points, width of the points in it, and largest distance of a point from it.
 
-    A width of zero means that the points lie on one line.
+    The width is measured across the longest direction; it is zero if the points lie on one line.
     """
     if len(points) < 3:
         return up, 0.0, 0.0
@@ -398,7 +413,7 @@ def _rotation_between(start: Array, end: Array) -> Array:
     """Smallest rotation (3, 3) from one unit vector to another."""
     normal = np.cross(start, end)
     sine = float(np.linalg.norm(normal))
-    if sine < 1e-15:
+    if sine < 1e-15:  # the vectors are equal but for rounding
         return np.eye(3)
     angle = np.arctan2(sine, float(start @ end))
     return np.asarray(so3.exp(normal / sine * angle))

@@ -27,10 +27,18 @@ FUNCTIONS = {
     "coriolis_matrix": (("q", "dq"), "C", 2, "C with C dq = c and dM/dt - 2C skew"),
     "gravity_forces": (("q",), "g", 1, "g, torques at rest"),
 }
-"""For each function name: input arrays, output array, its number of axes, and description."""
+"""Functions by name: input arrays, output array, number of axes of the output, and description."""
 
 _FIELDS = {"inverse_dynamics": "tau", "bias_forces": "tau"}
-"""Field of the equations for a function whose name differs from it."""
+"""Field of the equations, by name of a function that has another name than its field."""
+_MAX_PRODUCT_EXPONENT = 8
+"""Largest exponent of a power that is written as a product."""
+_MAX_QUOTE_LENGTH = 40
+"""Number of characters of a number in a message."""
+_MAX_WHOLE_NUMBER = 1 << 1000
+"""Bound of numerator and denominator of a written quotient, inside the range of double."""
+_MAX_EXACT_NUMERATOR = 1 << 50
+"""Bound of a numerator that double holds exactly."""
 _RESERVED = frozenset(
     """q dq ddq tau M C c g h p out batch parameters PARAMETERS np float ValueError f math double int char const void
     return if else for while do long short signed unsigned static struct union enum switch case default break
@@ -67,8 +75,8 @@ def ordered_names(equations: Equations) -> dict[Any, str]:
     """Name for every symbol, valid in Python and C and different from all others."""
     used_names: set[str] = set()
     names = {}
-    moving = (*equations.q, *equations.dq, *equations.ddq)
-    for symbol in (*moving, *constants(equations), *dict(equations.definitions)):
+    variables = (*equations.q, *equations.dq, *equations.ddq)
+    for symbol in (*variables, *constants(equations), *dict(equations.definitions)):
         name = re.sub(r"\W", "_", symbol.name, flags=re.ASCII)
         if not re.match(r"[A-Za-z]", name):
             name = f"v{name}"
@@ -93,28 +101,28 @@ def constants(equations: Equations) -> list[Any]:
 
 def free_symbols(expressions: Iterable[Any]) -> set[Any]:
     """Symbols that occur in any of the expressions."""
-    symbols = set[Any]()
+    symbols: set[Any] = set()
     for expr in expressions:
         symbols |= expr.free_symbols
     return symbols
 
 
 def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
-    """Statements of one function: the definitions that it needs, or else common subexpressions of its results."""
-    field = getattr(equations, _FIELDS.get(name, name))
+    """Statements of one function: the definitions that it needs; without any, common subexpressions of its results."""
+    output = getattr(equations, _FIELDS.get(name, name))
     definitions = equations.definitions
-    shape = tuple(map(int, field.shape))
-    results = [field[index] for index in np.ndindex(shape)]
+    shape = tuple(map(int, output.shape))
+    results = [output[index] for index in np.ndindex(shape)]
     if name == "bias_forces":
-        at_rest = dict.fromkeys(equations.ddq, sympy.Integer(0))
-        results = [expr.subs(at_rest) for expr in results]
-        definitions = tuple((symbol, expr.subs(at_rest)) for symbol, expr in definitions)
-    needed = _needed_definitions(definitions, results)
+        zero_ddq = dict.fromkeys(equations.ddq, sympy.Integer(0))
+        results = [expr.subs(zero_ddq) for expr in results]
+        definitions = tuple((symbol, expr.subs(zero_ddq)) for symbol, expr in definitions)
+    needed_definitions = _needed_definitions(definitions, results)
     safe_symbols = {symbol: sympy.Symbol(safe_name) for symbol, safe_name in names.items()}
     results = [expr.xreplace(safe_symbols) for expr in results]
     lines = []
-    if needed:  # the definitions are the common subexpressions
-        for symbol, expr in needed:
+    if needed_definitions:  # these are the common subexpressions
+        for symbol, expr in needed_definitions:
             lines.append((names[symbol], expr.xreplace(safe_symbols)))
     else:
         subexpressions, results = sympy.cse(results, symbols=_unused_symbols(names), order="none")
@@ -125,8 +133,9 @@ def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
     arrays = {"q": equations.q, "dq": equations.dq, "ddq": equations.ddq, "p": constants(equations)}
     for array, symbols in arrays.items():
         for index, symbol in enumerate(symbols):
-            if names[symbol] in used_names:
-                inputs.append((array, index, names[symbol]))
+            local_name = names[symbol]
+            if local_name in used_names:
+                inputs.append((array, index, local_name))
     return Routine(name, tuple(inputs), tuple(lines), tuple(results))
 
 
@@ -139,14 +148,14 @@ def _unused_symbols(names: dict[Any, str]) -> Iterator[Any]:
 
 
 def _needed_definitions(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> list[tuple[Any, Any]]:
-    """Definitions that the results depend on, in order."""
+    """Definitions that the results depend on, in their order."""
     needed_symbols = free_symbols(results)
-    needed = []
-    for symbol, expr in reversed(definitions):
+    needed_definitions = []
+    for symbol, expr in reversed(definitions):  # a definition uses only earlier ones
         if symbol in needed_symbols:
-            needed.append((symbol, expr))
+            needed_definitions.append((symbol, expr))
             needed_symbols |= expr.free_symbols
-    return needed[::-1]
+    return needed_definitions[::-1]
 
 
 def header(equations: Equations) -> list[str]:
@@ -165,9 +174,9 @@ def header(equations: Equations) -> list[str]:
 
 
 def unread_arrays(names: Iterable[str], function: Routine) -> list[str]:
-    """Arrays that a function does not read."""
-    read = {array for array, _, _ in function.inputs}
-    return [name for name in names if name not in read]
+    """Names of the arrays that a function does not read."""
+    read_arrays = {array for array, _, _ in function.inputs}
+    return [name for name in names if name not in read_arrays]
 
 
 def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
@@ -179,7 +188,8 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
 
     def write(x: Any) -> str:
         if x.is_Add:
-            return " + ".join(map(write, x.args)).replace("+ -", "- ")
+            sum_text = " + ".join(map(write, x.args))
+            return sum_text.replace("+ -", "- ")
         if x.is_Mul:
             coefficient, other_factors = x.as_coeff_Mul()
             if coefficient == -1:
@@ -191,10 +201,12 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
             return _number(x)
         if x.is_Pow:
             return write_power(x.base, x.exp)
-        return write_call(x.func.__name__ if x.args else str(x), *x.args)
+        function_name = x.func.__name__ if x.args else str(x)
+        return write_call(function_name, *x.args)
 
     def write_power(base: Any, exponent: Any) -> str:
-        if exponent.is_Integer and 0 < int(exponent) <= 8:
+        """Power as a product, a quotient, a square root or a call of pow."""
+        if exponent.is_Integer and 0 < int(exponent) <= _MAX_PRODUCT_EXPONENT:
             return "*".join([write_factor(base)] * int(exponent))
         if exponent.is_Integer and int(exponent) < 0:
             denominator = base**-exponent
@@ -238,10 +250,15 @@ def _number(x: Any) -> str:
         if x.is_finite:
             value = float(x)
     if not math.isfinite(value):
-        raise ValueRangeError(f"{str(x)[:40]} cannot be written as source: no double holds it. Scale the Lagrangian.")
-    if not x.is_Rational or x.is_Integer or max(abs(x.p), x.q) >= 1 << 1000:
+        raise ValueRangeError(
+            f"{str(x)[:_MAX_QUOTE_LENGTH]} cannot be written as source: no double holds it. Scale the Lagrangian."
+        )
+    if not x.is_Rational or x.is_Integer:
         return repr(value)
-    is_power_of_two = x.q & (x.q - 1) == 0
-    if is_power_of_two and abs(x.p) < 1 << 50:
+    numerator, denominator = x.p, x.q
+    if max(abs(numerator), denominator) >= _MAX_WHOLE_NUMBER:
         return repr(value)
-    return f"({x.p}.0/{x.q}.0)"
+    is_power_of_two = denominator & (denominator - 1) == 0
+    if is_power_of_two and abs(numerator) < _MAX_EXACT_NUMERATOR:
+        return repr(value)
+    return f"({numerator}.0/{denominator}.0)"

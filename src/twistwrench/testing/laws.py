@@ -15,6 +15,7 @@ from .derivatives import derivative, derivative_along
 from .random_robots import State
 
 Residual = Callable[[Robot, State], float]
+"""Function that returns the residual of a law for a robot at one state."""
 
 ROUNDING = 1e-10
 """Tolerance between two float64 computations: some thousand operations with errors of 1e-16, and a margin for cancellation."""
@@ -23,13 +24,15 @@ DIFFERENCES = 1e-9
 
 
 def torque_size(robot: Robot, at: State, tau: Array) -> float:
-    """Size of the terms that add up to τ, which determines the rounding error if they cancel.
+    """Size of the largest terms whose sum is τ; it determines the rounding error if they cancel.
 
     A single revolute or prismatic joint has c = 0, the difference of terms as large as M dq².
     """
     M = np.abs(robot.mass_matrix(at.q))
-    products = M.max(initial=0.0) * float(np.max(np.abs(at.dq), initial=0.0)) ** 2
-    return float(max(np.abs(tau).max(initial=0.0), (M @ np.abs(at.ddq)).max(initial=0.0), products))
+    largest_dq = float(np.max(np.abs(at.dq), initial=0.0))
+    velocity_products = M.max(initial=0.0) * largest_dq**2
+    inertial_torques = M @ np.abs(at.ddq)
+    return float(max(np.abs(tau).max(initial=0.0), inertial_torques.max(initial=0.0), velocity_products))
 
 
 def closed_form_gap(robot: Robot, at: State) -> float:
@@ -41,7 +44,8 @@ def closed_form_gap(robot: Robot, at: State) -> float:
 def lagrange_gap(robot: Robot, at: State) -> float:
     """Gap between inverse dynamics and :func:`lagrange_torques`, relative to the larger of torques and energies."""
     tau = lagrange_torques(robot, at)
-    return relative_gap(robot.inverse_dynamics(*at), tau, max(float(np.abs(tau).max()), _energies(robot, at)))
+    size = max(float(np.abs(tau).max()), _energies(robot, at))
+    return relative_gap(robot.inverse_dynamics(*at), tau, size)
 
 
 def lagrange_torques(robot: Robot, at: State) -> Array:
@@ -55,22 +59,25 @@ def lagrange_torques(robot: Robot, at: State) -> Array:
     which are not coordinate rates (Hamel, 1904); [V, ·] is the bracket of the joint's own twists.
     """
     q, dq, ddq = at
-    unit = np.eye(robot.nv)
+    unit_velocities = np.eye(robot.nv)  # e in the rows
 
     def momenta(t: Array) -> Array:
         """p at times t, (m, nv): the second argument of K varies over the unit velocities e."""
         q_t = robot.add(q, np.multiply.outer(t, dq))[:, None]
         dq_t = (dq + np.multiply.outer(t, ddq))[:, None]
         K = robot.kinetic_energy
-        return np.asarray(K(q_t, dq_t + unit) - K(q_t, dq_t) - K(q_t, unit))
+        return np.asarray(K(q_t, dq_t + unit_velocities) - K(q_t, dq_t) - K(q_t, unit_velocities))
 
     def lagrangian(q: Array) -> Array:
+        """K - P (...) at configurations (..., nq) and the velocity of the state."""
         return np.asarray(robot.kinetic_energy(q, dq) - robot.potential_energy(q))
 
     p = momenta(np.zeros(1))[0]
-    tau = derivative(momenta, _state_rate(dq)) - derivative_along(robot, lagrangian, q, unit)
+    dp = derivative(momenta, _state_rate(dq))
+    tau = dp - derivative_along(robot, lagrangian, q, unit_velocities)
     for body in robot.model.leaders:
-        entries, axes = body.places[1], body.joint.axes
+        _, entries = body.places
+        axes = body.joint.axes
         if body.joint.nv > 1:
             V = dq[entries] @ axes
             bracket = np.array([axes @ (ad(V) @ S) for S in axes])  # row a: [V, S_a] in the joint's axes
@@ -83,18 +90,21 @@ def power_gap(robot: Robot, at: State) -> float:
     q, dq, ddq = at
 
     def energy(t: Array) -> Array:
+        """K + P at times t, (m,)."""
         q_t = robot.add(q, np.multiply.outer(t, dq))
         dq_t = dq + np.multiply.outer(t, ddq)
         return np.asarray(robot.kinetic_energy(q_t, dq_t) + robot.potential_energy(q_t))
 
     powers = robot.inverse_dynamics(*at) * dq
+    energy_rate = derivative(energy, _state_rate(dq))
     size = max(float(np.abs(powers).max()), _energies(robot, at))
-    return relative_gap(powers.sum(), derivative(energy, _state_rate(dq)), size)
+    return relative_gap(powers.sum(), energy_rate, size)
 
 
 def skewness_gap(robot: Robot, at: State) -> float:
     """Deviation of dM/dt - 2C from skew symmetry, which means dM/dt = C + C', relative to entries of dM/dt, C and M."""
-    M, C = robot.mass_matrix(at.q), robot.coriolis_matrix(at.q, at.dq)
+    M = robot.mass_matrix(at.q)
+    C = robot.coriolis_matrix(at.q, at.dq)
     dM = derivative_along(robot, robot.mass_matrix, at.q, at.dq)
     size = float(max(np.abs(dM).max(), np.abs(C).max(), np.abs(M).max()))
     return relative_gap(C + C.T, dM, size)
@@ -103,8 +113,9 @@ def skewness_gap(robot: Robot, at: State) -> float:
 def coriolis_gap(robot: Robot, at: State) -> float:
     """Gap between C dq and the velocity products of inverse dynamics, relative to the summands of C dq and to M dq²."""
     C = robot.coriolis_matrix(at.q, at.dq)
-    at_rest = at._replace(ddq=np.zeros(robot.nv))
-    return relative_gap(C @ at.dq, robot.coriolis_forces(at.q, at.dq), torque_size(robot, at_rest, C * at.dq))
+    without_acceleration = at._replace(ddq=np.zeros(robot.nv))
+    size = torque_size(robot, without_acceleration, C * at.dq)
+    return relative_gap(C @ at.dq, robot.coriolis_forces(at.q, at.dq), size)
 
 
 def round_trip_gap(robot: Robot, at: State) -> float:
@@ -117,14 +128,16 @@ def round_trip_gap(robot: Robot, at: State) -> float:
 
 def _compiled_gap(robot: Robot, at: State) -> float:
     """Gap between kernels and the algorithms on plain floats."""
-    tau, M = robot.reference("inverse_dynamics", *at), robot.reference("mass_matrix", at.q)
+    tau = robot.reference("inverse_dynamics", *at)
+    M = robot.reference("mass_matrix", at.q)
     return against(robot, at, tau, M)
 
 
 def against(robot: Robot, at: State, tau: Array, M: Array) -> float:
-    """Gap between compiled inverse dynamics and mass matrix, and others of the same state."""
-    size = torque_size(robot, at, tau)
-    return max(relative_gap(robot.inverse_dynamics(*at), tau, size), relative_gap(robot.mass_matrix(at.q), M))
+    """Larger of the gaps of compiled torques and mass matrix from tau (nv,) and M (nv, nv) of the state."""
+    torque_gap = relative_gap(robot.inverse_dynamics(*at), tau, torque_size(robot, at, tau))
+    matrix_gap = relative_gap(robot.mass_matrix(at.q), M)
+    return max(torque_gap, matrix_gap)
 
 
 def _state_rate(dq: Array) -> float:
@@ -137,7 +150,7 @@ def _energies(robot: Robot, at: State) -> float:
     return abs(float(robot.kinetic_energy(at.q, at.dq))) + abs(float(robot.potential_energy(at.q)))
 
 
-LAWS: tuple[tuple[str, str, float, Residual], ...] = (
+LAWS: tuple[tuple[str, str, float, Residual], ...] = (  # name, compared quantities, tolerance, residual
     ("closed form", "inverse dynamics, block matrices of MR section 8.4", ROUNDING, closed_form_gap),
     ("energies", "inverse dynamics, Lagrange's equations from K and P", DIFFERENCES, lagrange_gap),
     ("power", "torques times velocities, rate of K + P", DIFFERENCES, power_gap),

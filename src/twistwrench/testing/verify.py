@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Check", "VerifyReport", "verify"]
 
+_GAP_FACTOR = 100.0
+"""Residual allowed for each unit of the difference between a robot's rotations and those of its file."""
+
 
 @dataclass(frozen=True)
 class Check:
@@ -84,9 +87,9 @@ class VerifyReport(Answer):
     @property
     def verdict(self) -> Verdict:
         """OK, or LOOK AGAIN with the checks that disagree."""
-        failed = [check.name for check in self.checks if check.failed]
-        if failed:
-            return Verdict(Word.LOOK_AGAIN, (f"checks that disagree: {', '.join(failed)}",))
+        failed_names = [check.name for check in self.checks if check.failed]
+        if failed_names:
+            return Verdict(Word.LOOK_AGAIN, (f"checks that disagree: {', '.join(failed_names)}",))
         return Verdict(Word.OK)
 
     @property
@@ -132,12 +135,14 @@ def verify(robot: Robot | str | Path, states: int = 4, seed: int = 0) -> VerifyR
     robot = require_robot(robot, "verify")
     rng = np.random.default_rng(seed)
     random_states = [random_state(robot, rng) for _ in range(max(states, 1))]
-    checks = [_check(robot, random_states, *law) for law in LAWS]
+    checks: list[Check] = []
+    for name, compares, tolerance, residual in LAWS:
+        checks.append(_check(robot, random_states, name, compares, tolerance, residual))
     for library, residual_from_file in PEERS:
         compares = f"inverse dynamics and mass matrix, {library}'s"
         try:
             # Loading makes rotations of nine digits exact. This difference to the file is not a dynamics error.
-            tolerance = ROUNDING + 100.0 * file_gap(robot)
+            tolerance = ROUNDING + _GAP_FACTOR * file_gap(robot)
             residual = residual_from_file(robot)
             checks.append(_check(robot, random_states, library, compares, tolerance, residual))
         except TwistWrenchError as problem:
@@ -152,7 +157,7 @@ def _check(
     if robot.nv == 0:
         return Check(name, compares, skipped="the robot has no moving joints")
     try:
-        worst = float(np.max([residual(robot, state) for state in random_states]))
+        largest_residual = float(np.max([residual(robot, state) for state in random_states]))
     except (TwistWrenchError, ArithmeticError, np.linalg.LinAlgError) as problem:
         return Check(name, compares, skipped=str(problem))
-    return Check(name, compares, worst, tolerance)
+    return Check(name, compares, largest_residual, tolerance)

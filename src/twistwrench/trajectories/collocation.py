@@ -24,23 +24,36 @@ TOLERANCE = 2e-8
 """Largest deviation of a piece from its limit, above or below, as a share of the limit."""
 AT_REST = 4e-7
 """Tolerance of the first piece from rest with viscous friction, where √x is not a polynomial; costs about 1e-5 s."""
-_MAX_RATIO = 4.0
+_MAX_CHANGE_RATIO = 4.0
 """Largest ratio by which x may change within a piece; larger ratios make the time integral inaccurate."""
 
 
 _LEGENDRE = np.polynomial.legendre.Legendre
 NODES = np.sort(0.5 * (1.0 + (_LEGENDRE.basis(STAGES) - _LEGENDRE.basis(STAGES - 1)).roots().real))
 """Nodes of Radau IIA on (0, 1], the last one 1: roots of P_n - P_{n-1}."""
-_POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
+_COEFFICIENTS = np.linalg.inv(np.vander(NODES, increasing=True))
 """Coefficients of u in powers of ζ from its values at the nodes."""
-INTEGRALS = (NODES[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
+_EXPONENTS = np.arange(1, STAGES + 1)
+"""Exponents of ζ in ∫ u dζ."""
+INTEGRALS = (NODES[:, None] ** _EXPONENTS / _EXPONENTS) @ _COEFFICIENTS
 """∫ from 0 to each node of the polynomial with the given values at the nodes."""
 _CHECK_POINTS = np.array([0.0, 0.03, 0.22, 0.45, 0.68, 0.9])
+"""Points between the nodes at which limits are also checked."""
 POINTS = np.concatenate([NODES, _CHECK_POINTS])
-"""Nodes, followed by points between them at which limits are checked; shares ζ of a piece."""
-_U_AT_POINTS = np.vander(POINTS, STAGES, increasing=True) @ _POWERS
-"""u at the points from its values at the nodes; next, ∫ u dζ from 0 to the points."""
-_X_AT_POINTS = (POINTS[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
+"""Nodes, followed by the check points; shares ζ of a piece."""
+_U_AT_POINTS = np.vander(POINTS, STAGES, increasing=True) @ _COEFFICIENTS
+"""u at the points from its values at the nodes."""
+_INTEGRALS_AT_POINTS = (POINTS[:, None] ** _EXPONENTS / _EXPONENTS) @ _COEFFICIENTS
+"""∫ u dζ from 0 to the points from the values of u at the nodes."""
+_CAP_ROUNDING = 1e-10
+"""Share by which x may exceed a cap that it does not run along."""
+_MAX_EXCESS_AT_BEGIN = 1e-7
+"""Share by which a piece that runs along a cap may begin above it."""
+_MAX_NEWTON_STEPS = 30
+_NEWTON_TOLERANCE = 1e-14
+"""Last step of Newton's method, as a share of the largest u."""
+_MIN_SQUARE = 1e-300
+"""Smallest x for a division by √x."""
 _FLIP = np.zeros((STAGES + 1, STAGES + 1))
 for _i, _j in np.ndindex(*_FLIP.shape):
     _FLIP[_i, _j] = comb(_j, _i) * (-1.0) ** _i
@@ -77,18 +90,20 @@ class Cell:
 def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_caps: bool) -> tuple[Cell | None, bool]:
     """Piece from (s, x) of length h in direction ``way`` (±1 of s), and True if there is none but a shorter h may help.
 
-    Forward the piece has the largest acceleration, backward the least. It is None if no limit can be active throughout
-    without violating another, and if the collocation is not accurate enough; only then a shorter h may help.
+    Forward the piece has the largest acceleration, backward the smallest. There is none if each limit that is active
+    throughout violates another one. There is also none if the collocation is not accurate enough: then a shorter h may help.
+    With ``along_caps``, the piece may also run along a cap of x.
     """
     end = s + way * h
     h = abs(end - s)  # beside s = 1 the end is rounded by some 1e-16, much of a short piece; the difference is exact
     low, high = (s, end) if way > 0 else (end, s)
     limits = rows.at(s + way * h * POINTS, low, high)
     u, active_rows, sides = _candidates(rows, limits, x, way, h)
-    n_along_rows = len(u)  # candidates after these run along a cap of x
+    row_candidates = len(u)  # number; candidates after these run along a cap of x
     if along_caps and len(rows.caps):
         cap = limits.cap[:STAGES]
-        applies = np.isfinite(cap).all(axis=0) & (limits.cap[STAGES] <= x * (1 + 1e-7))
+        begins_at_cap = limits.cap[STAGES] <= x * (1 + _MAX_EXCESS_AT_BEGIN)  # STAGES: the first check point, ζ = 0
+        applies = np.isfinite(cap).all(axis=0) & begins_at_cap
         if applies.any():
             along_cap = np.linalg.solve(2 * way * h * INTEGRALS, cap[:, applies] - x).T
             u = np.concatenate([u, along_cap])
@@ -97,21 +112,23 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     if not len(u):
         return None, False
     # dx/ds = 2 u and ds = way h dζ, so x grows by 2 way h ∫ u dζ.
-    U, X = u @ _U_AT_POINTS.T, x + 2 * way * h * (u @ _X_AT_POINTS.T)  # (candidates, points)
+    U = u @ _U_AT_POINTS.T  # (candidates, points)
+    X = x + 2 * way * h * (u @ _INTEGRALS_AT_POINTS.T)
     row_values = np.abs(limits.values(U, X))
     tolerance = AT_REST if x == 0 and np.any(limits.d) else TOLERANCE
     is_active = np.zeros((len(u), len(rows.rows)), bool)
-    is_active[np.arange(n_along_rows), [rows.rows.index(row) for row in active_rows[:n_along_rows]]] = True
+    active_indices = [rows.rows.index(row) for row in active_rows[:row_candidates]]
+    is_active[np.arange(row_candidates), active_indices] = True
     # The deviation of the active row itself is checked below.
-    is_kept = (rows.L + tolerance * rows.L >= row_values) | is_active[:, None, :]
-    fits = is_kept.all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
-    cap_tolerances = np.where(np.arange(len(u)) < n_along_rows, 1e-10, 0.25 * TOLERANCE)
+    meets_limit = (rows.L + tolerance * rows.L >= row_values) | is_active[:, None, :]
+    is_allowed = meets_limit.all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
+    cap_tolerances = np.where(np.arange(len(u)) < row_candidates, _CAP_ROUNDING, 0.25 * TOLERANCE)
     cap_tolerance = cap_tolerances[:, None, None] * np.ones((len(POINTS), 1))
     cap_tolerance[:, STAGES] *= 2.0  # twice the tolerance at the first check point, where the last piece ended
-    fits &= (X[:, :, None] <= limits.cap * (1 + cap_tolerance)).all(axis=(1, 2))
-    if not fits.any():
+    is_allowed &= (X[:, :, None] <= limits.cap * (1 + cap_tolerance)).all(axis=(1, 2))
+    if not is_allowed.any():
         return None, False
-    fastest = int(np.where(fits, X[:, STAGES - 1], -np.inf).argmax())
+    fastest = int(np.where(is_allowed, X[:, STAGES - 1], -np.inf).argmax())  # candidate with the largest x at the end
     row = active_rows[fastest]
     if row in rows.caps and (row.kind == "velocity" or rows.flat[rows.rows.index(row)]):
         deviation = np.abs(X[fastest] / limits.cap[:, rows.caps.index(row)] - 1.0)
@@ -119,9 +136,9 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
         k = rows.rows.index(row)
         deviation = np.abs(row_values[fastest, :, k] / rows.L[k] - 1.0)
     change_ratio = X[fastest, STAGES - 1] / x if x > 0 else 1.0
-    if deviation.max() > tolerance or not 1 / _MAX_RATIO <= change_ratio <= _MAX_RATIO:
+    if deviation.max() > tolerance or not 1 / _MAX_CHANGE_RATIO <= change_ratio <= _MAX_CHANGE_RATIO:
         return None, True
-    coefficients = np.concatenate([[x], 2 * way * h * (_POWERS @ u[fastest]) / np.arange(1, STAGES + 1)])
+    coefficients = np.concatenate([[x], 2 * way * h * (_COEFFICIENTS @ u[fastest]) / _EXPONENTS])
     cell = Cell(low, high, coefficients, row, sides[fastest])
     if way < 0:  # backward, ζ was counted from the other end
         cell = replace(cell, x=_FLIP @ cell.x)
@@ -133,47 +150,55 @@ def _candidates(rows: PathRows, limits: Rows, x: float, way: int, h: float) -> t
 
     A row can be active throughout if its a has one sign; then the same side of it bounds u everywhere.
     """
-    a = limits.a[:STAGES]
+    a = limits.a[:STAGES]  # (nodes, rows)
     inner_signs = np.sign(a[:-1])
     first_sign = inner_signs[0]
-    # At the last node a may touch zero: the next piece begins there.
-    one_sided = (inner_signs == first_sign).all(axis=0) & (first_sign * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
-    k = np.flatnonzero(one_sided & (first_sign != 0) & ~rows.flat)
+    # At the last node a may touch zero, up to rounding: the next piece begins there.
+    last_keeps_sign = first_sign * a[-1] >= -1e-9 * np.abs(a).max(axis=0)
+    has_one_sign = (inner_signs == first_sign).all(axis=0) & last_keeps_sign
+    k = np.flatnonzero(has_one_sign & (first_sign != 0) & ~rows.flat)
     if not len(k):
         return np.zeros((0, STAGES)), [], []
     side = way * first_sign[k]  # forward the upper bound of u, backward the lower bound
     a, b, c, d = (row_terms[:STAGES, k].T for row_terms in (limits.a, limits.b, limits.c, limits.d))
     H = 2 * way * h * INTEGRALS
     matrix = b[:, :, None] * H + a[:, :, None] * np.eye(STAGES)
-    right = side[:, None] * rows.L[k][:, None] - c - b * x
-    u = _solve(matrix, right)
+    right_side = side[:, None] * rows.L[k][:, None] - c - b * x
+    u = _solve(matrix, right_side)
     if np.any(d):  # with √x the equation is not linear: Newton's method
-        for _ in range(30):
-            X = np.maximum(x + u @ H.T, 1e-300)
+        for _ in range(_MAX_NEWTON_STEPS):
+            X = np.maximum(x + u @ H.T, _MIN_SQUARE)
             root = np.sqrt(X)
-            residual = np.einsum("kmn,kn->km", matrix, u) + d * root - right
+            residual = np.einsum("kmn,kn->km", matrix, u) + d * root - right_side
             step = _solve(matrix + (0.5 * d / root)[:, :, None] * H, residual)
             u = u - step
-            if np.abs(step).max() <= 1e-14 * np.abs(u).max():
+            if np.abs(step).max() <= _NEWTON_TOLERANCE * np.abs(u).max():
                 break
-    finite = np.isfinite(u).all(axis=1)
-    return u[finite], [rows.rows[i] for i in k[finite]], side[finite].astype(int).tolist()
+    is_finite = np.isfinite(u).all(axis=1)
+    candidate_rows = [rows.rows[i] for i in k[is_finite]]
+    return u[is_finite], candidate_rows, side[is_finite].astype(int).tolist()
 
 
-def _solve(matrix: Array, right: Array) -> Array:
+def _solve(matrix: Array, right_side: Array) -> Array:
     """Solutions of systems (n, STAGES, STAGES); if one is singular, all diagonals are raised by 1e-13 of the entries."""
+    columns = right_side[..., None]
     try:
-        return np.linalg.solve(matrix, right[..., None])[..., 0]
+        solutions = np.linalg.solve(matrix, columns)
     except np.linalg.LinAlgError:
         size = np.abs(matrix).max(axis=(1, 2), keepdims=True)
-        return np.linalg.solve(matrix + 1e-13 * (size + 1e-300) * np.eye(STAGES), right[..., None])[..., 0]
+        raised_matrix = matrix + 1e-13 * (size + 1e-300) * np.eye(STAGES)  # 1e-300: a matrix may be zero
+        solutions = np.linalg.solve(raised_matrix, columns)
+    return np.asarray(solutions[..., 0])
 
 
 # ── s(t) of the fastest timing, from the pieces of x(s) = ds²
 
-_LEGGAUSS = np.polynomial.legendre.leggauss(16)  # on [-1, 1]
-_GAUSS_NODES, _GAUSS_WEIGHTS = 0.5 * (_LEGGAUSS[0] + 1.0), 0.5 * _LEGGAUSS[1]
-"""Gauss–Legendre quadrature on [0, 1]."""
+_LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(16)  # on [-1, 1]
+_GAUSS_NODES = 0.5 * (_LEGENDRE_NODES + 1.0)
+"""Nodes of Gauss–Legendre quadrature on [0, 1]."""
+_GAUSS_WEIGHTS = 0.5 * _LEGENDRE_WEIGHTS
+_MAX_SEARCH_STEPS = 60
+"""Largest number of steps of the search for the fraction of a piece covered in a time."""
 _SAMPLES_PER_BLOCK = 2048
 """Block size for which the values at the Gauss nodes fit into the processor's cache."""
 
@@ -186,25 +211,26 @@ class FastestScaling:
     name: str = "fastest"
 
     @cached_property
-    def _size(self) -> Array:
-        """Lengths of the pieces in s."""
-        return np.array([c.high - c.low for c in self.cells])
+    def _lengths(self) -> Array:
+        """Lengths of the pieces in s, (n,)."""
+        return np.array([cell.high - cell.low for cell in self.cells])
 
     @cached_property
-    def _x(self) -> Array:
+    def _coefficients(self) -> Array:
         """Coefficients of x of all pieces, (n, STAGES + 1)."""
-        return np.stack([c.x for c in self.cells])
+        return np.stack([cell.x for cell in self.cells])
 
     @cached_property
     def _is_slowing(self) -> Array:
         """True for pieces that slow down; their time is counted from the end, where x may be 0."""
-        return np.array([c.x.sum() < c.x[0] for c in self.cells])
+        return np.array([cell.x.sum() < cell.x[0] for cell in self.cells])
 
     @cached_property
     def times(self) -> Array:
         """Start times of the pieces, and the end time; (n + 1,) s."""
         k = np.arange(len(self.cells))
-        return np.concatenate([[0.0], np.cumsum(self._since(k, np.ones(len(k))))])
+        piece_times = self._since(k, np.ones(len(k)))
+        return np.concatenate([[0.0], np.cumsum(piece_times)])
 
     @property
     def duration(self) -> float:
@@ -214,79 +240,88 @@ class FastestScaling:
     def _square(self, k: Array, z: Array) -> Array:
         """x at the fraction z of piece k; (n), (n, m) → (n, m)."""
         x = np.zeros(np.shape(z))
-        for coefficient in self._x[k].T[::-1]:  # Horner's scheme
+        for coefficient in self._coefficients[k].T[::-1]:  # Horner's scheme
             x = x * z + coefficient[:, None]
         return np.maximum(x, 0.0)
 
     @cached_property
-    def _whole(self) -> Array:
-        """∫ ds/√x over each piece, from its slowest end."""
+    def _piece_times(self) -> Array:
+        """∫ ds/√x over each piece [s], integrated from its slower end."""
         k = np.arange(len(self.cells))
-        one = np.ones(len(k))
-        return np.where(self._is_slowing, self._integral(k, one, -1.0), self._integral(k, one, 1.0))
+        whole = np.ones(len(k))  # fraction of each piece
+        return np.where(self._is_slowing, self._integral(k, whole, -1.0), self._integral(k, whole, 1.0))
 
     def _since(self, k: Array, z: Array) -> Array:
         """∫ ds/√x over the first fraction z of piece k; (n), (n) → (n)."""
-        slowing = self._is_slowing[k]
-        time = self._integral(k, np.where(slowing, 1.0 - z, z), np.where(slowing, -1.0, 1.0)[:, None])
-        return np.where(slowing, self._whole[k] - time, time)
+        is_slowing = self._is_slowing[k]
+        fraction = np.where(is_slowing, 1.0 - z, z)  # from the slower end
+        way = np.where(is_slowing, -1.0, 1.0)[:, None]
+        time = self._integral(k, fraction, way)
+        return np.where(is_slowing, self._piece_times[k] - time, time)
 
     def _integral(self, k: Array, z: Array, way: Array | float) -> Array:
         """∫ ds/√x over the fraction z from the start (``way`` -1: the end) of piece k.
 
-        With ζ = z w², ds/√x = size z (2 w/√x) dw, which stays finite at rest, where x is proportional to ζ.
+        With ζ = z w² and the length l of the piece, ds/√x = l z (2 w/√x) dw, which stays finite at rest: x ~ ζ there.
         """
         w = _GAUSS_NODES[None, :]
         zeta = z[:, None] * w * w
         with np.errstate(divide="ignore", invalid="ignore"):
             integrand = 2 * w / np.sqrt(self._square(k, np.where(way > 0, zeta, 1.0 - zeta)))
         # Row by row, so that the result for one sample does not depend on the batch size.
-        return self._size[k] * z * np.vecdot(np.where(np.isfinite(integrand), integrand, 0.0), _GAUSS_WEIGHTS)
+        return self._lengths[k] * z * np.vecdot(np.where(np.isfinite(integrand), integrand, 0.0), _GAUSS_WEIGHTS)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T the path is at rest at its ends."""
         times = np.asarray(arguments.real(t, "t"), float)
         flat = np.clip(times.ravel(), 0.0, self.duration)
-        known = ~np.isnan(flat)
-        flat = np.where(known, flat, 0.0)
-        k = np.clip(np.searchsorted(self.times, flat, side="right") - 1, 0, len(self.cells) - 1)
+        is_known = ~np.isnan(flat)
+        flat = np.where(is_known, flat, 0.0)
+        k = np.searchsorted(self.times, flat, side="right") - 1
+        k = np.clip(k, 0, len(self.cells) - 1)  # pieces
         time_in_piece = flat - self.times[k]
         z = np.empty(len(k))
         for first in range(0, len(k), _SAMPLES_PER_BLOCK):
             block = slice(first, first + _SAMPLES_PER_BLOCK)
             z[block] = self._fraction_after(k[block], time_in_piece[block])
         x = self._square(k, z[:, None])[:, 0]
-        dx_dz = np.zeros(len(k))
-        for n in range(self._x.shape[1] - 1, 0, -1):
-            dx_dz = dx_dz * z + n * self._x[k, n]
-        dds = 0.5 * dx_dz / self._size[k]  # d²s/dt² = x'/2
+        dx_dz = np.zeros(len(k))  # derivative of the polynomial, by Horner's scheme
+        for n in range(self._coefficients.shape[1] - 1, 0, -1):
+            dx_dz = dx_dz * z + n * self._coefficients[k, n]
+        dds = 0.5 * dx_dz / self._lengths[k]  # d²s/dt² = x'/2
         outside = (times.ravel() < 0) | (times.ravel() > self.duration)
-        nan_where_unknown = np.where(known, 0.0, np.nan)
-        s = np.array([cell.low for cell in self.cells])[k] + z * self._size[k]
+        nan_where_unknown = np.where(is_known, 0.0, np.nan)
+        s = np.array([cell.low for cell in self.cells])[k] + z * self._lengths[k]
         motion = (s, np.where(outside, 0.0, np.sqrt(x)), np.where(outside, 0.0, dds))
         return tuple((y + nan_where_unknown).reshape(times.shape) for y in motion)  # type: ignore[return-value]
 
     def _fraction_after(self, k: Array, time_in_piece: Array) -> Array:
         """Fraction z of piece k covered in a time: Newton's method within a bracket."""
         piece_time = np.diff(self.times)[k]
-        low, high = np.zeros(len(k)), np.ones(len(k))
+        low = np.zeros(len(k))
+        high = np.ones(len(k))
         time_share = np.clip(time_in_piece / np.where(piece_time > 0, piece_time, 1.0), 0.0, 1.0)
         # First guess: quadratic in time from rest and to rest, otherwise linear.
-        from_rest, to_rest = self._x[k, 0] == 0, k == len(self.cells) - 1
-        z = np.where(from_rest, time_share**2, np.where(to_rest, 1.0 - (1.0 - time_share) ** 2, time_share))
-        live = np.arange(len(k))  # samples that have not converged
-        for _ in range(60):
-            piece, z_live = k[live], z[live]
-            time_error = self._since(piece, z_live) - time_in_piece[live]
-            low[live] = np.where(time_error <= 0, z_live, low[live])
-            high[live] = np.where(time_error >= 0, z_live, high[live])
-            rate = np.sqrt(self._square(piece, z_live[:, None])[:, 0])
-            newton = z_live - time_error * rate / self._size[piece]
-            in_bracket = (newton > low[live]) & (newton < high[live])
-            new = np.where(in_bracket, newton, 0.5 * (low[live] + high[live]))
-            new = np.where(time_error == 0, z_live, new)
-            z[live] = new
-            live = live[np.abs(new - z_live) > 4e-16 * np.maximum(new, 1e-3)]
-            if not len(live):
+        is_from_rest = self._coefficients[k, 0] == 0
+        is_to_rest = k == len(self.cells) - 1
+        z = np.where(is_from_rest, time_share**2, np.where(is_to_rest, 1.0 - (1.0 - time_share) ** 2, time_share))
+        open_samples = np.arange(len(k))  # indices of samples that have not converged
+        for _ in range(_MAX_SEARCH_STEPS):
+            piece = k[open_samples]
+            z_before = z[open_samples]
+            time_error = self._since(piece, z_before) - time_in_piece[open_samples]
+            low[open_samples] = np.where(time_error <= 0, z_before, low[open_samples])
+            high[open_samples] = np.where(time_error >= 0, z_before, high[open_samples])
+            rate = np.sqrt(self._square(piece, z_before[:, None])[:, 0])
+            newton = z_before - time_error * rate / self._lengths[piece]
+            is_in_bracket = (newton > low[open_samples]) & (newton < high[open_samples])
+            middle = 0.5 * (low[open_samples] + high[open_samples])
+            z_after = np.where(is_in_bracket, newton, middle)
+            z_after = np.where(time_error == 0, z_before, z_after)
+            z[open_samples] = z_after
+            # Above rounding: two units in the last place of z, or of 0.001 if z is smaller.
+            has_moved = np.abs(z_after - z_before) > 4e-16 * np.maximum(z_after, 1e-3)
+            open_samples = open_samples[has_moved]
+            if not len(open_samples):
                 break
         return z

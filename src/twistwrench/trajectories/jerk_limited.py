@@ -33,20 +33,28 @@ _GRID_SIZE = 8
 """Number of lengths of each window on the grid of the first search."""
 _MAX_SIMPLEX_TRIALS = 60
 """Largest number of trials of the simplex search, which begins at the best point of the grid."""
-_FACTOR_COUNT = 24
-"""Number of nodes with a factor of the rate."""
+_KNOT_COUNT = 24
+"""Number of knots, evenly spaced in time, at which the rate has a factor."""
+_SHAPE_NODE_COUNT = 201
+"""Number of evenly spaced nodes in s at which factors change the rates, beside the nodes of the shape."""
+_SHAPE_SAMPLE_COUNT = 2001
+"""Number of samples of s(t) from which the knots follow."""
 _MAX_PROGRAMMES = 10
 """Largest number of linear programmes."""
 _FIRST_TRUST = 0.2
 """Initial trust region: largest change of a logarithm of a factor."""
 _MIN_TRUST = 1e-3
 """Trust region at which the search ends."""
+_MIN_RELATIVE_GAIN = 1e-4
+"""Gain of a linear programme, over the duration, below which the search ends."""
+_BISECTION_STEPS = 50
+"""Number of halvings of the interval in which the level of a coast lies."""
 
 
 def short_averages(
     robot: Robot, path: JointPath, nodes: Array, rates: Array, bounds: Limits, *, friction: bool
 ) -> tuple[Averaged, Averaged]:
-    """Averages over time of a motion with given rates, optimised for a short duration within the bounds.
+    """Averages over time of a motion with these rates, optimised for a short duration within the bounds.
 
     Parameters
     ----------
@@ -59,21 +67,22 @@ def short_averages(
     Notes
     -----
     Longer windows take longer and lower the jerk; remaining violations are removed by a longer total duration. Windows
-    are optimised first. Then factors of the rates and windows are optimised. Each step is a linear programme that
+    are optimised first, and then factors of rates and windows. Each step of the second search is a linear programme that
     minimises the largest duration required by any sample.
     """
 
     def durations(shape: Averaged) -> Array:
-        """Shortest duration within the bounds that each sample of a shape requires."""
+        """Shortest durations (samples,) within the bounds that the samples of a shape require."""
         return shortest_durations(robot, path, shape.stretched(1.0), bounds, sample_times, friction=friction)
 
     sample_times = np.linspace(0.0, 1.0, _SAMPLE_COUNT)
     with np.errstate(invalid="ignore"):
         t = np.cumsum(np.nan_to_num(2.0 * np.diff(nodes) / (rates[1:] + rates[:-1])))
-    _, first_of_interval = np.unique(np.floor(t / t[-1] / _MIN_NODE_INTERVAL), return_index=True)
-    inner = first_of_interval[:-1] + 1  # t begins at the second node
-    s = np.concatenate([nodes[:1], nodes[inner], nodes[-1:]])
-    rates = np.concatenate([rates[:1], rates[inner], rates[-1:]])
+    interval_numbers = np.floor(t / t[-1] / _MIN_NODE_INTERVAL)
+    _, first_of_interval = np.unique(interval_numbers, return_index=True)  # one node for each interval
+    inner_nodes = first_of_interval[:-1] + 1  # t begins at the second node
+    s = np.concatenate([nodes[:1], nodes[inner_nodes], nodes[-1:]])
+    rates = np.concatenate([rates[:1], rates[inner_nodes], rates[-1:]])
     s[-1] = 1.0
     rates[0] = 0.0
     rates[-1] = 0.0
@@ -82,26 +91,33 @@ def short_averages(
 
 
 def _choose_windows(s: Array, rates: Array, durations: Callable[[Averaged], Array]) -> Averaged:
-    """Shape with the best two windows, for the rates as they are or with peaks replaced by coasts as long as both windows."""
+    """Shape with the best two windows, from these rates, or from rates whose peaks are coasts as long as both windows."""
     from scipy.optimize import minimize
 
     T = float((2.0 * np.diff(s) / (rates[1:] + rates[:-1])).sum())
 
     def shape(x: Array, *, coasts: bool) -> Averaged:
         """Shape with windows exp(x) T, the longer one first."""
-        b, a = (np.sort(np.exp(np.clip(x, np.log(_MIN_WINDOW), 0.0))) * T).tolist()
+        windows = np.exp(np.clip(x, np.log(_MIN_WINDOW), 0.0)) * T
+        shorter, longer = np.sort(windows).tolist()
         nodes, node_rates = s, rates
         if coasts:
-            nodes, node_rates = with_coasts(s, rates, a + b)
-        return Averaged(nodes, node_rates, (a, b), "jerk-limited")
+            nodes, node_rates = with_coasts(s, rates, longer + shorter)
+        return Averaged(nodes, node_rates, (longer, shorter), "jerk-limited")
 
     def duration(x: Array, coasts: bool) -> float:
+        """Shortest duration within the bounds of the shape with these windows."""
         return float(durations(shape(x, coasts=coasts)).max())
 
     grid = np.linspace(np.log(_MIN_WINDOW), 0.0, _GRID_SIZE)
-    trials = [(np.array([a, b]), coasts) for a in grid for b in grid[grid <= a] for coasts in (False, True)]
+    trials: list[tuple[Array, bool]] = []
+    for log_longer in grid:
+        for log_shorter in grid[grid <= log_longer]:
+            x = np.array([log_longer, log_shorter])
+            trials += [(x, False), (x, True)]
     start, coasts = min(trials, key=lambda trial: duration(*trial))
-    simplex = start - 0.5 * (grid[1] - grid[0]) * np.array([[0, 0], [1, 0], [0, 1]])
+    half_step = 0.5 * (grid[1] - grid[0])
+    simplex = start - half_step * np.array([[0, 0], [1, 0], [0, 1]])
     options: Any = {"maxfev": _MAX_SIMPLEX_TRIALS, "initial_simplex": simplex}
     optimum: Any = minimize(duration, start, (coasts,), "Nelder-Mead", options=options)
     return shape(np.asarray(optimum.x), coasts=coasts)
@@ -135,25 +151,28 @@ def with_coasts(nodes: Array, rates: Array, duration: float) -> tuple[Array, Arr
         return before, after, ends
 
     def is_too_short(peak: int, level: float) -> bool:
+        """True if a coast at this level of x takes less than ``duration``."""
         _, _, ends = cut(peak, level)
         return bool(np.ptp(ends) < np.sqrt(level) * duration)
 
     while True:
         peaks = 1 + np.flatnonzero((x[1:-1] >= x[:-2]) & (x[1:-1] >= x[2:]))
         peaks = peaks[np.argsort(-x[peaks], kind="stable")]  # highest first
+        # Just below its top, so that a peak that is a coast already is measured along its length.
         peak = next((k for k in peaks.tolist() if is_too_short(k, x[k] * (1 - 1e-9))), None)
         if peak is None:
             return s, np.sqrt(x)
-        low, high = 0.0, float(x[peak])  # levels with a coast that is long enough, and too short
-        for _ in range(50):
-            middle = 0.5 * (low + high)
+        low_level = 0.0  # its coast is long enough
+        high_level = float(x[peak])  # its coast is too short
+        for _ in range(_BISECTION_STEPS):
+            middle = 0.5 * (low_level + high_level)
             if is_too_short(peak, middle):
-                high = middle
+                high_level = middle
             else:
-                low = middle
-        before, after, ends = cut(peak, low)
+                low_level = middle
+        before, after, ends = cut(peak, low_level)
         s = np.concatenate([s[: before + 1], ends, s[after:]])
-        x = np.concatenate([x[: before + 1], [low, low], x[after:]])
+        x = np.concatenate([x[: before + 1], [low_level, low_level], x[after:]])
 
 
 def _improve(shape: Averaged, durations: Callable[[Averaged], Array]) -> Averaged:
@@ -163,53 +182,58 @@ def _improve(shape: Averaged, durations: Callable[[Averaged], Array]) -> Average
     """
     from scipy.optimize import linprog
 
-    s = np.union1d(shape.places, np.linspace(0.0, 1.0, 201))
+    s = np.union1d(shape.places, np.linspace(0.0, 1.0, _SHAPE_NODE_COUNT))
     rates = np.sqrt(np.interp(s, shape.places, shape.rates**2))
-    t = np.linspace(0.0, shape.duration, 2001)
-    knots = np.interp(np.linspace(0.0, shape.duration, _FACTOR_COUNT), t, shape(t)[0])
-    hats = np.stack([np.interp(s, knots, unit) for unit in np.eye(_FACTOR_COUNT)], axis=1)  # piecewise linear
-    n = _FACTOR_COUNT + 2
+    t = np.linspace(0.0, shape.duration, _SHAPE_SAMPLE_COUNT)
+    s_at_t, _, _ = shape(t)
+    knots = np.interp(np.linspace(0.0, shape.duration, _KNOT_COUNT), t, s_at_t)
+    # Logarithms of the factors at s: piecewise linear between the knots.
+    hat_functions = np.stack([np.interp(s, knots, unit) for unit in np.eye(_KNOT_COUNT)], axis=1)
+    n = _KNOT_COUNT + 2
     difference = 1e-4  # of x for slopes
 
     def with_factors(x: Array) -> Averaged:
         """Shape with factors exp(x) of both windows and of the rates at the knots."""
-        a, b = (np.array(shape.windows) * np.exp(x[:2])).tolist()
-        return Averaged(s, rates * np.exp(hats @ x[2:]), (a, b), shape.name)
+        longer, shorter = (np.array(shape.windows) * np.exp(x[:2])).tolist()
+        return Averaged(s, rates * np.exp(hat_functions @ x[2:]), (longer, shorter), shape.name)
 
     min_x = np.full(n, -np.inf)
     min_x[:2] = np.minimum(np.log(_MIN_WINDOW * shape.duration / np.array(shape.windows)), 0.0)
-    balance = np.r_[0.0, 0.0, np.ones(_FACTOR_COUNT), 0.0][
-        None
-    ]  # a common factor of all rates only changes the duration
+    # The mean of the rates' logarithms stays: a common factor of all rates only changes the duration.
+    sum_of_rate_logs = np.r_[0.0, 0.0, np.ones(_KNOT_COUNT), 0.0][None]
+    largest_duration = np.eye(n + 1)[n]  # the last unknown, which is minimised
     x = np.zeros(n)
     trust = _FIRST_TRUST
-    present = durations(with_factors(x))
+    current_durations = durations(with_factors(x))
     for _ in range(_MAX_PROGRAMMES):
-        slopes = np.stack(
-            [(durations(with_factors(x + difference * unit)) - present) / difference for unit in np.eye(n)], axis=1
-        )
-        # Unknowns are the step of x and the largest duration D: present + slopes @ step <= D.
-        relevant = present > 0.5 * present.max()
-        rows = np.column_stack([slopes, -np.ones(len(present))])[relevant]
-        upper_bounds = -present[relevant]
-        improved = present
+        slope_columns = []
+        for unit in np.eye(n):
+            changed_durations = durations(with_factors(x + difference * unit))
+            slope_columns.append((changed_durations - current_durations) / difference)
+        slopes = np.stack(slope_columns, axis=1)
+        # Unknowns are the step of x and the largest duration D: current_durations + slopes @ step <= D.
+        is_relevant = current_durations > 0.5 * current_durations.max()
+        rows = np.column_stack([slopes, -np.ones(len(current_durations))])[is_relevant]
+        upper_bounds = -current_durations[is_relevant]
+        new_durations = current_durations
         while trust > _MIN_TRUST:
             box = [(max(-trust, low), trust) for low in min_x - x]
-            step = linprog(np.eye(n + 1)[n], rows, upper_bounds, balance, [0.0], bounds=[*box, (0.0, None)]).x
+            bounds = [*box, (0.0, None)]
+            step = linprog(largest_duration, rows, upper_bounds, sum_of_rate_logs, [0.0], bounds=bounds).x
             if step is not None:
-                improved = durations(with_factors(x + step[:n]))
-                if improved.max() < present.max():
+                new_durations = durations(with_factors(x + step[:n]))
+                if new_durations.max() < current_durations.max():
                     break
             trust /= 4.0
         else:  # no step within the smallest trust region improves
             break
-        predicted_gain = present.max() - step[n]
-        gain = present.max() - improved.max()
+        predicted_gain = current_durations.max() - step[n]
+        gain = current_durations.max() - new_durations.max()
         if gain > 0.5 * predicted_gain:
             trust *= 1.5
         x = x + step[:n]
-        present = improved
-        if gain < 1e-4 * present.max():
+        current_durations = new_durations
+        if gain < _MIN_RELATIVE_GAIN * current_durations.max():
             break
     return with_factors(x)
 

@@ -28,7 +28,7 @@ SHARES = (
     (1.0, MEANINGS[Style.NEAR].scene),
     (1.0 + 1e-3, MEANINGS[Style.OVER].scene),
 )
-"""(share of the limit, colour): neutral, amber from 80 % of the limit, red beyond it, with steps between them."""
+"""Pairs (share of a limit, colour): neutral, amber from 80 % of the limit, red beyond it, with sharp steps."""
 COLOURS: MappingProxyType[str, Any] = MappingProxyType(
     {
         "unlimited": MEANINGS[Style.QUIET].scene,
@@ -43,6 +43,7 @@ COLOURS: MappingProxyType[str, Any] = MappingProxyType(
         "lines": style.SERIES,
     }
 )
+"""Colours of drawn quantities by name: red, green, blue from 0 to 1; ``axes`` has three, ``lines`` those of a chart."""
 SEQUENTIAL = (
     (0.230, 0.322, 0.546), (0.164, 0.471, 0.558), (0.119, 0.611, 0.539),
     (0.267, 0.749, 0.441), (0.606, 0.851, 0.237), (0.993, 0.906, 0.144),
@@ -75,7 +76,9 @@ QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
 _SAMPLED_POSES = 16
 """Number of random configurations from which a drawing scale follows."""
 _ELLIPSOID_SHARE = 0.13
-"""Size of a typical ellipsoid, about an eighth of the robot's."""
+"""Semi-axis of a typical ellipsoid, as a share of the robot's size: about an eighth."""
+_MIN_MASS_RATIO = 1e-9
+"""Inverse mass in a direction, over the largest, up to which the tip cannot move in this direction."""
 
 
 def quantity_colours() -> str:
@@ -96,7 +99,9 @@ class Mark:
     torque: int
     """Index of the torque."""
     body: int
+    """Index of the body."""
     pose: Array
+    """Pose (4, 4) of the arrow in the body's frame."""
     turns: bool
     """True for rotation about the axis, False for translation along it."""
 
@@ -107,12 +112,17 @@ def torque_marks(model: Model) -> list[Mark]:
     for k, body in enumerate(model.bodies):
         if body.follows or body.joint.nv != 1 or not body.joint.moves_body:
             continue
-        w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
+        screw = body.joint.axes[0]
+        w, v = screw[:3], screw[3:]
         turns = bool(w.any())
-        axis, point = v, np.zeros(3)
         if turns:
-            axis, point = w, so3.cross(w, v) / (w @ w)  # the point of the screw axis nearest to the origin
-        marks.append(Mark(body.v_index, k, se3.pose(turned_z(axis), point), turns))
+            axis = w
+            point = so3.cross(w, v) / (w @ w)  # of the screw axis, nearest to the origin
+        else:
+            axis = v
+            point = np.zeros(3)
+        pose = se3.pose(turned_z(axis), point)
+        marks.append(Mark(body.v_index, k, pose, turns))
     marks.sort(key=lambda mark: mark.torque)
     return marks
 
@@ -123,7 +133,9 @@ def share_colours(shares: ArrayLike) -> Array:
     steps = [share for share, _ in SHARES]
     step_colours = np.array([colour for _, colour in SHARES])
     channels = [np.interp(sizes, steps, channel) for channel in step_colours.T]
-    return np.where(np.isnan(sizes)[..., None], COLOURS["unlimited"], np.stack(channels, axis=-1))
+    colours = np.stack(channels, axis=-1)
+    has_no_limit = np.isnan(sizes)[..., None]
+    return np.where(has_no_limit, COLOURS["unlimited"], colours)
 
 
 def force_scale(robot: Robot, scene: Scene) -> float:
@@ -133,13 +145,14 @@ def force_scale(robot: Robot, scene: Scene) -> float:
     """
     from ..statics.force_capability import wrench_ellipsoid
 
-    model, effort = robot.model, robot.limits.effort
+    model = robot.model
+    effort = robot.limits.effort
     has_undriven_joint = any(not body.joint.driven for body in model.bodies)
     has_limits = np.isfinite(effort).any() and (effort > 0).all()
     if model.tip is None or has_undriven_joint or not has_limits:
         return 0.0
-    ellipsoids = wrench_ellipsoid(robot, robot.random_configuration(0, _SAMPLED_POSES), limits=effort)
-    semi_axes = ellipsoids.semi_axes
+    q = robot.random_configuration(0, _SAMPLED_POSES)
+    semi_axes = wrench_ellipsoid(robot, q, limits=effort).semi_axes  # (poses, 3), sorted
     typical_force = float(np.median(semi_axes[:, 1]))
     if not np.isfinite(semi_axes).all() or not typical_force > 0:
         return 0.0
@@ -147,9 +160,9 @@ def force_scale(robot: Robot, scene: Scene) -> float:
 
 
 def mass_scale(robot: Robot, scene: Scene) -> tuple[float, int]:
-    """Drawing scale of mass [m/kg], and the number of directions in which the tip can move; 0 and 0 without a tip.
+    """Drawing scale of mass [m/kg], and largest number of directions in which the tip can move; both 0 without a tip.
 
-    A typical ellipsoid of the tip's mass is an eighth of the robot.
+    A typical ellipsoid of the tip's mass is about an eighth of the robot.
     """
     if robot.model.tip is None:
         return 0.0, 0
@@ -157,8 +170,10 @@ def mass_scale(robot: Robot, scene: Scene) -> tuple[float, int]:
     J_v = np.asarray(robot.jacobian(q, kind="world_aligned"))[:, 3:]
     M = np.asarray(robot.mass_matrix(q))
     inverse_masses = np.linalg.eigvalsh(J_v @ np.linalg.solve(M, np.swapaxes(J_v, 1, 2)))  # of Λ⁻¹, ascending
-    directions = int((inverse_masses > 1e-9 * inverse_masses[:, -1:]).sum(axis=1).max())
+    is_movable = inverse_masses > _MIN_MASS_RATIO * inverse_masses[:, -1:]
+    directions = int(is_movable.sum(axis=1).max())
     if directions == 0:
         return 0.0, 0
-    second_smallest_masses = 1 / inverse_masses[:, -min(2, directions)]
-    return _ELLIPSOID_SHARE * scene.size / float(np.median(second_smallest_masses)), directions
+    rank = min(2, directions)  # the second smallest mass, the only one of a single direction
+    typical_mass = float(np.median(1 / inverse_masses[:, -rank]))
+    return _ELLIPSOID_SHARE * scene.size / typical_mass, directions

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 FRICTION = 0.6
 """Friction coefficient between feet and floor."""
+_LIMIT_PENALTY = 1e3
+"""Penalty for a joint outside its limits, which outweighs any singular value of the scaled Jacobian."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,9 @@ class PageLoops:
     start: Array
     """(nq,) initial configuration, with the loops closed."""
     loops: dict[str, Any]
+    """Entry of the page's header on the closures."""
     standing: dict[str, Any] | None = None
+    """Entry of the header on the feet; None without feet."""
     frames: Mapping[str, Frame] = field(default_factory=dict)
     """Frames used by closures that the robot does not have."""
     feet: tuple[int, ...] = ()
@@ -54,7 +58,7 @@ class PageLoops:
 
 
 def closed_by_file(robot: Robot) -> ConstrainedRobot | None:
-    """Robot with the loops of its file closed; None if it has no loops or they cannot be closed."""
+    """Robot with the loops of its file closed; None if it has none, or if they cannot be closed."""
     closed: Any = robot
     try:
         for closure in robot.closures.values():
@@ -66,32 +70,34 @@ def closed_by_file(robot: Robot) -> ConstrainedRobot | None:
 
 def loops_of(closed: ConstrainedRobot, q: Array | None, actuated: Iterable[str] | None) -> PageLoops:
     """Loops of a closed robot; raises ValueRangeError if a constraint holds velocities alone."""
-    if not all(isinstance(c, Closure) for c in closed.constraints):
+    if not all(isinstance(constraint, Closure) for constraint in closed.constraints):
         raise ValueRangeError(
             f"robot {closed.name!r}: a page closes loops, and some of its constraints hold velocities alone. Show the "
             "robot without them: take robot.open()."
         )
     robot = closed.open()
     start = _closed_start(closed) if q is None else closed.consistent(q)
-    driven = driven_velocities(robot.model)
+    is_driven = driven_velocities(robot.model)
     motor_names = named_motors(robot) if actuated is None else actuated
     if motor_names:
-        motors = motor_mask(robot, motor_names)
-    else:  # as many motors as degrees of freedom
-        motors = driven & (np.cumsum(driven) <= closed.nv - len(closed.independent))
+        is_motor = motor_mask(robot, motor_names)
+    else:  # the first driven velocities, as many as degrees of freedom
+        freedom_count = closed.nv - len(closed.independent)
+        is_motor = is_driven & (np.cumsum(is_driven) <= freedom_count)
     A = closed.constraint_jacobian(start)[list(closed.independent)]
-    dependent = _dependent_velocities(A, 1.0 * driven + motors)  # sliders move motors, then other drives
+    preference = 1.0 * is_driven + is_motor  # sliders move motors, then other drives
+    is_dependent = _dependent_velocities(A, preference)
     remarks: tuple[str, ...] = ()
     if not motor_names:
-        motors = driven & ~dependent
-        assumed = ", ".join(joints(robot, motors)) or "none"
-        remarks = (f"The file names no motors; assumed: {assumed}. In Python, show(actuated=[…]) names others.",)
-    rows = independent_constraints(closed.constraints, closed.independent)
-    closures = tuple(constraint for constraint in rows if isinstance(constraint, Closure))
+        is_motor = is_driven & ~is_dependent
+        assumed_motors = ", ".join(joints(robot, is_motor)) or "none"
+        remarks = (f"The file names no motors; assumed: {assumed_motors}. In Python, show(actuated=[…]) names others.",)
+    reduced_constraints = independent_constraints(closed.constraints, closed.independent)
+    closures = tuple(constraint for constraint in reduced_constraints if isinstance(constraint, Closure))
     loops = {
         "rows": _rows_of(closures),
-        "dependent": dependent.tolist(),
-        "actuated": motors.tolist(),
+        "dependent": is_dependent.tolist(),
+        "actuated": is_motor.tolist(),
         "legs": [],
         "base": [],
     }
@@ -99,35 +105,36 @@ def loops_of(closed: ConstrainedRobot, q: Array | None, actuated: Iterable[str] 
 
 
 def _closed_start(closed: ConstrainedRobot) -> Array:
-    """Closed configuration with the fewest joints outside their limits; among these, the one farthest from singular ones."""
+    """Closed configuration with the fewest joints outside their limits; of several, the farthest from a singular one."""
     robot = closed.open()
     rows = list(closed.independent)
     Q = some_configurations(closed, None)
     A = closed.constraint_jacobian(Q)[:, rows] / closed.sizes[rows, None]
     min_singular_values = np.linalg.svd(A, compute_uv=False)[:, -1]
-    exceeded_limits = robot.limits.exceeded(robot.model.positions(Q)).sum(axis=-1)
-    merit = min_singular_values - 1e3 * exceeded_limits  # a limit outweighs any singular value
+    is_outside = robot.limits.exceeded(robot.model.positions(Q))
+    merit = min_singular_values - _LIMIT_PENALTY * is_outside.sum(axis=-1)
     return np.asarray(Q[np.argmax(merit)])
 
 
-def _dependent_velocities(A: Array, rank: Array) -> Array:
-    """Mask of dependent velocities (nv,) under A (m, nv); velocities of high ``rank`` (nv,) are independent if possible."""
+def _dependent_velocities(A: Array, preference: Array) -> Array:
+    """True for dependent velocities (nv,) under A (m, nv); those of high ``preference`` (nv,) are independent if possible."""
     from scipy.linalg import qr
 
-    # Pivoting takes the largest columns first, so columns of high rank are made small.
-    _, pivots = qr(A * 1e-2**rank, mode="r", pivoting=True)
-    return np.isin(np.arange(A.shape[1]), pivots[: len(A)])
+    # Pivoting takes the largest columns first, so columns of high preference are made small.
+    _, pivots = qr(A * 1e-2**preference, mode="r", pivoting=True)
+    dependent_columns = pivots[: len(A)]
+    return np.isin(np.arange(A.shape[1]), dependent_columns)
 
 
 def _rows_of(closures: Iterable[Closure]) -> list[list[int]]:
-    """Rows of the twist that each closure holds at zero."""
+    """Indices of the entries of the relative twist that each closure holds at zero."""
     return [list(closure.rows) for closure in closures]
 
 
 def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
     """Standing pose and closures of a robot with a floating base, on its feet; None for other robots.
 
-    Its feet are the last bodies with the lowest shapes.
+    The feet are those last bodies of the tree whose shapes are lowest.
     """
     model = robot.model
     if not _may_stand(model):
@@ -138,16 +145,19 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
     if not feet:
         return None
     start, lift, soles = _stance_and_soles(robot, scene, q, feet, shapes)
-    start[model.bodies[0].q_index + 6] += lift
+    base_height_index = model.bodies[0].q_index + 6  # z, after the quaternion and x, y
+    start[base_height_index] += lift
     T = scene.body_poses(start)
     frames = {}
     closures = []
     for k, sole in zip(feet, soles, strict=True):
         name = f"sole of {model.bodies[k].link}"
         frames[name] = Frame(k, se3.pose(np.eye(3), sole.mean(axis=0)))
-        rows = (0, 1, 2, 3, 4, 5) if len(sole) > 2 else (3, 4, 5)  # an edge or a point may turn
+        is_flat = len(sole) > 2
+        rows = (0, 1, 2, 3, 4, 5) if is_flat else (3, 4, 5)  # an edge or a point may turn
         sole_pose = T[k] @ frames[name].pose
-        closures.append(Closure(GROUND, name, rows, tuple(map(tuple, sole_pose.tolist()))))
+        pose_rows = tuple(map(tuple, sole_pose.tolist()))
+        closures.append(Closure(GROUND, name, rows, pose_rows))
     leg_bodies = {body for foot in feet for body in chain_to_base(model, foot)} - {0}
     loops = {
         "rows": _rows_of(closures),
@@ -163,9 +173,11 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
 def _may_stand(model: Model) -> bool:
     """True for one floating base with joints of one degree of freedom, under gravity along −z."""
     roots = [k for k, body in enumerate(model.bodies) if body.parent == BASE]
-    if len(roots) != 1 or model.bodies[0].joint.nv != 6 or model.nv < 7:
+    has_floating_base = len(roots) == 1 and model.bodies[0].joint.nv == 6
+    if not has_floating_base or model.nv < 7:
         return False
-    if not model.gravity[2] < 0 or np.any(model.gravity[:2]):
+    points_down = model.gravity[2] < 0 and not np.any(model.gravity[:2])
+    if not points_down:
         return False
     return all(body.joint.nv == 1 for body in model.leaders if body is not model.bodies[0])
 
@@ -195,14 +207,15 @@ _MAX_POINT_FOOT = 0.04
 _MAX_FOOT_HEIGHT = 0.08
 """Greatest height of a foot over the lowest foot in the starting pose, as a share of the robot's size."""
 HELD = "base fixed in the air by the file; with <floating_base=True> the feet carry"
-_MAX_HEIGHT = 1e-3
-"""Greatest height of a sole's corner off the floor in a standing pose [m]."""
+"""Remark on a legged robot whose file fixes the base."""
+_MAX_FLOOR_DISTANCE = 1e-3
+"""Greatest distance of a sole's corner from the floor in a standing pose [m]."""
 
 
 def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
     """Standing pose of a legged robot whose file fixes the base, with a remark; None for other robots.
 
-    If no standing pose is within the limits, the pose is the neutral one, clear of stops, and the remark has the reason.
+    Without a standing pose within the limits, the pose is the neutral one, clear of stops, and the remark has the reason.
     """
     hanging = hanging_base(robot.model)
     if hanging is None:
@@ -210,19 +223,20 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
     q = starting_pose(robot)
     shapes = _points_of_bodies(robot.model, scene)
     feet = [leg[-1] for leg in hanging.legs]
-    missing = [robot.model.bodies[foot].link for foot in feet if foot not in shapes]  # without a shape
-    if missing:
-        return q, f"{spell_out(HELD)}; no standing pose found: no shape of {', '.join(missing)}"
+    shapeless_feet = [robot.model.bodies[foot].link for foot in feet if foot not in shapes]
+    if shapeless_feet:
+        return q, f"{spell_out(HELD)}; no standing pose found: no shape of {', '.join(shapeless_feet)}"
     if any(body.joint.nv != 1 for body in robot.model.leaders):
         return q, f"{spell_out(HELD)}; no standing pose found: joints of several degrees of freedom"
     start, lift, soles = _stance_and_soles(robot, scene, q, feet, shapes)
     T = scene.body_poses(start)
-    max_height = 0.0  # of a corner above or below the floor
+    floor_distance = 0.0  # largest of a corner above or below the floor [m]
     for k, sole in zip(feet, soles, strict=True):
-        max_height = max(max_height, float(np.abs(_heights(sole, T[k]) + lift).max()))
-    if max_height <= _MAX_HEIGHT:
+        heights = _heights(sole, T[k]) + lift
+        floor_distance = max(floor_distance, float(np.abs(heights).max()))
+    if floor_distance <= _MAX_FLOOR_DISTANCE:
         return start, spell_out(HELD)
-    gap = number(1e3 * max_height, 2)
+    gap = number(1e3 * floor_distance, 2)
     return (
         q,
         f"{spell_out(HELD)}; no standing pose found: within the limits a foot stays {gap} mm off the floor",
@@ -232,7 +246,7 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
 def _stance_and_soles(
     robot: Robot, scene: Scene, q: Array, feet: Sequence[int], shapes: Mapping[int, Array]
 ) -> tuple[Array, float, list[Array]]:
-    """Configuration (nq,) near q with the feet on a level floor, lift of the base to this floor, and soles of the feet."""
+    """Configuration (nq,) near q with the feet on a level floor, lift of the base to this floor [m], and corners of soles."""
     neutral_poses = scene.body_poses(robot.neutral)
     start = q
     lift = 0.0
@@ -241,7 +255,7 @@ def _stance_and_soles(
         soles = []
         for k in feet:
             sole = _sole(shapes[k], neutral_poses[k], scene.size)
-            if len(sole) < 3:  # not flat in the neutral pose
+            if len(sole) < 3:  # an edge or a point in the neutral pose
                 sole = _sole(shapes[k], poses[k], scene.size)
             soles.append(sole)
         start, lift = _stance(robot, scene, start, feet, soles)
@@ -275,40 +289,56 @@ def _standing_data(robot: Robot, feet: Sequence[int], soles: Sequence[Array]) ->
 
 
 def _velocity_mask(model: Model, bodies: Iterable[int]) -> list[bool]:
-    """Mask (nv,) of the velocities of the joints of some bodies."""
-    mask = np.zeros(model.nv, bool)
+    """True for the velocities (nv,) of the joints of these bodies."""
+    is_selected = np.zeros(model.nv, bool)
     for k in bodies:
-        mask[model.bodies[k].places[1]] = True
-    return mask.tolist()
+        _, dq_indices = model.bodies[k].places
+        is_selected[dq_indices] = True
+    return is_selected.tolist()
 
 
 def _points_of_bodies(model: Model, scene: Scene) -> dict[int, Array]:
     """Points (n, 3) of each body's collision shapes in its frame, or of its visuals if the file has none."""
+    collision_shapes, _ = read_visuals(model, "collision")
     collisions: dict[int, list[Array]] = {}
-    for visual in read_visuals(model, "collision")[0]:
-        frame = model.frames[visual.link]
-        collisions.setdefault(frame.body, []).append(visual.surface.placed(frame.pose @ visual.pose).vertices)
+    for shape in collision_shapes:
+        frame = model.frames[shape.link]
+        placed_surface = shape.surface.placed(frame.pose @ shape.pose)
+        collisions.setdefault(frame.body, []).append(placed_surface.vertices)
     visuals: dict[int, list[Array]] = {}
-    for shape in scene.shapes:
-        if shape.layer == "looks" and shape.body != BASE and shape.body not in collisions:
-            visuals.setdefault(shape.body, []).append(shape.surface.placed(shape.pose).vertices)
+    for visual in scene.shapes:
+        if visual.layer == "looks" and visual.body != BASE and visual.body not in collisions:
+            placed_surface = visual.surface.placed(visual.pose)
+            visuals.setdefault(visual.body, []).append(placed_surface.vertices)
     return {body: np.concatenate(parts) for body, parts in (collisions | visuals).items()}
 
 
 def _sole(points: Array, T: Array, size: float) -> Array:
-    """Corners (n, 3) of the lowest points of a body at pose T, in its frame: at most four, or their mean if they are close."""
+    """Corners (n, 3) of a body's sole in the body's frame, from its points at pose T.
+
+    The corners are at most four of the lowest points. If these are close together, their mean is the only corner.
+    """
     rotated = points @ T[:3, :3].T
-    lowest = np.flatnonzero(rotated[:, 2] < rotated[:, 2].min() + _SOLE_DEPTH * size)
+    heights = rotated[:, 2]
+    lowest = np.flatnonzero(heights < heights.min() + _SOLE_DEPTH * size)
     x, y = rotated[lowest, 0], rotated[lowest, 1]
     if max(np.ptp(x), np.ptp(y)) < _MAX_POINT_FOOT * size:
         return np.asarray(points[lowest].mean(axis=0, keepdims=True))
-    farthest = [np.argmax(x + y), np.argmax(x - y), np.argmax(-x - y), np.argmax(y - x)]
-    corners = dict.fromkeys(lowest[farthest].tolist())
+    farthest = [np.argmax(x + y), np.argmax(x - y), np.argmax(-x - y), np.argmax(y - x)]  # along the four diagonals
+    corners = dict.fromkeys(lowest[farthest].tolist())  # each once
     return np.asarray(points[list(corners)])
 
 
+_HEIGHT_WEIGHT = 300.0
+_COM_WEIGHT = 10.0
+_JOINT_WEIGHT = 0.1
+"""Weights of the residuals of a stance, beside 1 for the spread of the feet; joints count by 0.1 of the size per radian."""
+_MAX_EVALUATIONS = 60
+"""Largest number of evaluations of the search for a stance."""
+
+
 def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Sequence[Array]) -> tuple[Array, float]:
-    """Configuration (nq,) near q and lift of the robot, by damped least squares.
+    """Configuration (nq,) near q and lift [m] of the robot, by damped least squares.
 
     All soles are on z = 0, and the centre of mass is above the mean of their middles. The unknowns X are the lift and the
     positions of the joints.
@@ -337,25 +367,34 @@ def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Se
         spread = middles - middles.mean(axis=1, keepdims=True)
         heights = corners[..., 2] + X[:, :1]
         joint_changes = (X - start)[:, 1:]
-        parts = (300 * heights, 10 * com_error, spread.reshape(len(X), -1), 0.1 * scene.size * joint_changes)
+        parts = (
+            _HEIGHT_WEIGHT * heights,
+            _COM_WEIGHT * com_error,
+            spread.reshape(len(X), -1),
+            _JOINT_WEIGHT * scene.size * joint_changes,
+        )
         return np.concatenate(parts, axis=1) / scene.size
 
     # The feet keep their spread, and all other residuals should be zero.
     residuals_at_start = residuals(start[None])[0]
-    row_of_spread = np.arange(len(residuals_at_start)) - (len(residuals_at_start) - len(joints) - 2 * len(feet))
-    is_spread = (row_of_spread >= 0) & (row_of_spread < 2 * len(feet))
-    target = np.where(is_spread, residuals_at_start, 0.0)
+    spread_end = len(residuals_at_start) - len(joints)
+    spread_rows = slice(spread_end - 2 * len(feet), spread_end)
+    target = np.zeros_like(residuals_at_start)
+    target[spread_rows] = residuals_at_start[spread_rows]
 
     def stance_error(x: Array) -> Array:
+        """Residuals (m,) of one stance, minus their targets."""
         return np.asarray(residuals(x[None])[0] - target)
 
     def jacobian(x: Array) -> Array:
+        """Derivatives (m, 1 + joints) of the residuals, by forward differences."""
         step = 1e-6
-        r = residuals(x + np.vstack([np.zeros(len(x)), step * np.eye(len(x))]))
+        neighbours = x + np.vstack([np.zeros(len(x)), step * np.eye(len(x))])  # x itself, then one step of each unknown
+        r = residuals(neighbours)
         return (r[1:] - r[0]).T / step
 
     inner_start = np.clip(start, low + 1e-9, high - 1e-9)  # least_squares begins inside the bounds
-    solution = least_squares(stance_error, inner_start, jacobian, bounds=(low, high), max_nfev=60).x
+    search = least_squares(stance_error, inner_start, jacobian, bounds=(low, high), max_nfev=_MAX_EVALUATIONS)
     stance = q.copy()
-    stance[joints] = solution[1:]
-    return stance, float(solution[0])
+    stance[joints] = search.x[1:]
+    return stance, float(search.x[0])

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 Part = tuple[int, Surface, tuple[float, float, float]]
-"""Index of a body, surface in the body's frame, colour."""
+"""Part of a skeleton: index of a body, surface in the body's frame, colour."""
 
 # Colours of the parts of a skeleton and of payloads, as red, green, blue from 0 to 1.
 TUBE = (0.86, 0.88, 0.90)
@@ -38,6 +38,8 @@ _TUBE_RADIUS = 0.022
 """Radius of a tube, as a share of the robot's size."""
 _STEEL_DENSITY = 7850.0
 """Density of the balls that represent point masses [kg/m³]."""
+_MIN_SIZE = 1e-6
+"""Extent of the joints, frames and masses [m] below which it is not the size of the robot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,9 @@ class Skeleton:
     """Parts that represent a robot without visuals."""
 
     looks: list[Part]
+    """Tubes, joints and the ground."""
     ellipsoids: list[Part]
+    """Ellipsoids with each body's mass and moments."""
     size: float
     """Diagonal of the box around joints, frames and masses [m]."""
 
@@ -56,10 +60,10 @@ def skeleton(model: Model) -> Skeleton:
     points = _key_points(model)
     all_points = np.concatenate([np.zeros((1, 3)), *points.values()])
     size = float(np.linalg.norm(np.ptp(all_points, axis=0)))
-    if size < 1e-6:  # a single floating body: size from its inertia
+    if size < _MIN_SIZE:  # a single floating body: twice the longest axis of its ellipsoid
         lengths = [4.0 * _semi_axes(body.inertia).max() for body in bodies.values() if body.inertia.mass > 0]
         size = max(lengths, default=1.0)
-    r = _TUBE_RADIUS * size
+    r = _TUBE_RADIUS * size  # unit of all thicknesses
     looks: list[Part] = []
     child_joints: dict[int, list[Array]] = {k: [] for k in (BASE, *bodies)}  # points in the frame of the parent
     for k, body in bodies.items():
@@ -71,7 +75,10 @@ def skeleton(model: Model) -> Skeleton:
         start = _axis_point(body.joint)
         if body.joint.nv > 1 and body.inertia.mass > 0:  # a floating body has no axis
             start = np.array(body.inertia.com, float)
-        for end in child_joints[k] or _outermost_point(model, k, start):
+        ends = child_joints[k]
+        if not ends:
+            ends = _outermost_point(model, k, start)
+        for end in ends:
             looks += _parts(k, _tube_surfaces(start, end, r), TUBE)
     if all(body.joint.driven or body.parent != BASE for body in bodies.values()):  # the base is fixed
         foot_pose = se3.pose(np.eye(3), [0, 0, -0.25 * r])
@@ -81,7 +88,8 @@ def skeleton(model: Model) -> Skeleton:
     ellipsoids: list[Part] = []
     for k, body in bodies.items():
         ellipsoids += _parts(k, equal_inertia_ellipsoid(body.inertia), ELLIPSOID)
-    bodies_with_looks = {k for k, *_ in looks}  # a single floating body has no other shape than its ellipsoid
+    bodies_with_looks = {k for k, _, _ in looks}
+    # A body without tubes, such as a single floating one, looks like its ellipsoid.
     looks += [(k, surface, TUBE) for k, surface, _ in ellipsoids if k not in bodies_with_looks]
     return Skeleton(looks, ellipsoids, size)
 
@@ -97,7 +105,7 @@ def equal_inertia_ellipsoid(G: SpatialInertia) -> list[Surface]:
     try:
         _, R = G.principal()
     except (InertiaError, ValueError):
-        return []
+        return []  # no real body has this inertia
     return [ellipsoid(_semi_axes(G)).placed(se3.pose(R, G.com))]
 
 
@@ -121,7 +129,8 @@ def _key_points(model: Model) -> dict[int, Array]:
     for k, body in enumerate(model.bodies):
         coordinates = body.joint.neutral
         if body.joint.nq == 1:  # a follower depends on its leader
-            coordinates = body.ratio * q[body.places[0]] + body.offset
+            q_indices, _ = body.places
+            coordinates = body.ratio * q[q_indices] + body.offset
         poses[k] = poses[body.parent] @ body.placement @ np.asarray(body.joint.pose(coordinates), float)
         body_points[k] = [_axis_point(body.joint)]
         if body.inertia.mass > 0:
@@ -137,7 +146,8 @@ def _key_points(model: Model) -> dict[int, Array]:
 
 def _axis_point(joint: Joint) -> Array:
     """Point of a revolute joint's axis nearest to the child's origin; the origin for other joints."""
-    w, v = joint.axes[0, :3], joint.axes[0, 3:]
+    screw = joint.axes[0]
+    w, v = screw[:3], screw[3:]
     if joint.nv != 1 or not w.any():
         return np.zeros(3)
     return np.asarray(so3.cross(w, v) / (w @ w))
@@ -149,7 +159,7 @@ def _parts(body: int, surfaces: Iterable[Surface], colour: Colour) -> list[Part]
 
 
 def _outermost_point(model: Model, k: int, start: Array) -> list[Array]:
-    """Point where the tube of a last body ends: the farthest of its frames and its centre of mass; empty without any."""
+    """Point where the tube of a last body ends, in a list: the farthest of its frames and its centre of mass; empty if none."""
     points = [frame.pose[:3, 3] for frame in model.frames.values() if frame.body == k]
     G = model.bodies[k].inertia
     if G.mass > 0:
@@ -163,23 +173,33 @@ def _joint_surfaces(joint: Joint, point: Array, r: float) -> list[Surface]:
     """Short cylinder along the axis of a revolute joint, or box around a prismatic joint; empty for other joints."""
     if joint.nv != 1:
         return []
-    w, v = joint.axes[0, :3], joint.axes[0, 3:]
+    screw = joint.axes[0]
+    w, v = screw[:3], screw[3:]
     if w.any():
-        return [cylinder(1.45 * r, 3.4 * r).placed(se3.pose(turned_z(w), point))]
-    return [box((2.6 * r, 2.6 * r, 4.0 * r)).placed(se3.pose(turned_z(v), point))]
+        surface = cylinder(1.45 * r, 3.4 * r)  # radius and length, wider than a tube
+        axis = w
+    else:
+        surface = box((2.6 * r, 2.6 * r, 4.0 * r))
+        axis = v
+    return [surface.placed(se3.pose(turned_z(axis), point))]
 
 
 def _rail_surfaces(model: Model, body: Body, size: float, r: float) -> list[Surface]:
-    """Rail of a sliding body in its parent's frame, between its limits, or half the robot's size long."""
-    axis = body.joint.axes[0]
-    if body.joint.nv != 1 or axis[:3].any():
+    """Rail of a sliding body in its parent's frame, between its limits; empty for other bodies.
+
+    An end without a limit is a quarter of the robot's size from the middle.
+    """
+    screw = body.joint.axes[0]
+    w, v = screw[:3], screw[3:]
+    if body.joint.nv != 1 or w.any():
         return []
     limits = np.array([model.limits.lower[body.v_index], model.limits.upper[body.v_index]])
     ends = limits * body.ratio + body.offset  # a follower moves by the ratio to its leader
-    ends = np.where(np.isfinite(ends), np.clip(ends, -size, size), [-size / 4, size / 4])
+    default_ends = [-size / 4, size / 4]
+    ends = np.where(np.isfinite(ends), np.clip(ends, -size, size), default_ends)
     R, origin = body.placement[:3, :3], body.placement[:3, 3]
-    start = R @ (ends[0] * axis[3:]) + origin
-    end = R @ (ends[1] * axis[3:]) + origin
+    start = R @ (ends[0] * v) + origin
+    end = R @ (ends[1] * v) + origin
     return _tube_surfaces(start, end, 0.5 * r)
 
 
@@ -205,6 +225,8 @@ def turned_z(direction: Array) -> Array:
 
 _MIN_TRIANGLES = 60
 """Minimum number of triangles per shape in a decimated scene."""
+_MIN_DOUBTFUL_SHARE = 0.8
+"""Length of an inertia ellipsoid, over the robot's size, above which it is doubtful."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +266,7 @@ class Scene:
     remarks: tuple[str, ...]
     """Remarks on shapes that could not be drawn as in the file."""
     size: float
-    """Characteristic length of marks and cameras [m]: the diagonal of the neutral robot's bounding box."""
+    """Length to which marks and cameras are scaled [m]: the diagonal of the neutral robot's bounding box."""
     dressed: bool
     """True if the file has visuals for any body."""
 
@@ -256,8 +278,8 @@ class Scene:
         slender uniform rod has 1.29 ρ.
         """
         bodies = self.robot.model.bodies
-        lengths: dict[int, float] = {}  # of the ellipsoid of each body
-        max_distances: dict[int, float] = {}  # ρ of the shape of each body
+        lengths: dict[int, float] = {}  # length of the ellipsoid of each body
+        max_distances: dict[int, float] = {}  # ρ of the shapes of each body
         for shape in self.shapes:
             if shape.layer == "inertia" and shape.body != BASE:
                 lengths[shape.body] = float(np.ptp(shape.surface.vertices, axis=0).max())
@@ -266,12 +288,12 @@ class Scene:
                 points = shape.surface.vertices @ shape.pose[:3, :3].T + shape.pose[:3, 3]
                 distances = np.linalg.norm(points - bodies[shape.body].inertia.com, axis=1)
                 max_distances[shape.body] = max(max_distances.get(shape.body, 0.0), float(distances.max()))
-        doubtful = []
+        doubtful_links: list[str] = []
         for k, length in lengths.items():
-            max_length = 2.0 * math.sqrt(5.0) * max_distances.get(k, 0.0)
-            if length > max(0.8 * self.size, max_length):
-                doubtful.append(bodies[k].link)
-        return tuple(doubtful)
+            max_length = 2.0 * math.sqrt(5.0) * max_distances.get(k, 0.0)  # twice the largest semi-axis
+            if length > max(_MIN_DOUBTFUL_SHARE * self.size, max_length):
+                doubtful_links.append(bodies[k].link)
+        return tuple(doubtful_links)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -298,7 +320,7 @@ class Scene:
         link_poses = np.asarray(self.robot.link_poses(q), float)
         link_index = {link: k for k, link in enumerate(self.robot.link_names)}
         model = self.robot.model
-        bodies_without_frame = []  # between the joints of one link
+        bodies_without_frame = []  # indices of bodies between the joints of one link
         body_poses = np.full((*link_poses.shape[:-3], len(model.bodies), 4, 4), np.nan)
         for k, body in enumerate(model.bodies):
             if body.link in link_index:
@@ -307,10 +329,10 @@ class Scene:
                 bodies_without_frame.append(k)
         if bodies_without_frame:
             q = np.asarray(q, float)
-            for row in np.ndindex(q.shape[:-1]):  # of the batch
-                T = base_poses(model, joint_poses(model, q[row]))
+            for batch_index in np.ndindex(q.shape[:-1]):
+                T = base_poses(model, joint_poses(model, q[batch_index]))
                 for k in bodies_without_frame:
-                    body_poses[(*row, k)] = T[k]
+                    body_poses[(*batch_index, k)] = T[k]
         return body_poses
 
     def bounds(self, q: ArrayLike, layer: str = "looks") -> Array:
@@ -326,16 +348,16 @@ class Scene:
         corners : (2, 3) array, lower and upper corner in the base frame [m]
         """
         poses = self.body_poses(q)
-        corners = []
+        vertices = []
         for shape in self.shapes:
             if shape.layer == layer:
                 T = shape.pose
                 if shape.body != BASE:
                     T = poses[shape.body] @ T
-                corners.append(shape.surface.placed(T).vertices)
-        if not corners:  # a box of one metre in place of nothing
-            return np.array([[-0.5] * 3, [0.5] * 3])
-        points = np.concatenate(corners)
+                vertices.append(shape.surface.placed(T).vertices)
+        if not vertices:  # a cube of one metre in place of nothing
+            return np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
+        points = np.concatenate(vertices)
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def decimated(self, most: int) -> Scene:
@@ -349,13 +371,13 @@ class Scene:
         -------
         scene : Scene
         """
-        total = sum(len(s.surface.faces) for s in self.shapes if s.layer == "looks")
+        total = sum(len(shape.surface.faces) for shape in self.shapes if shape.layer == "looks")
         if total <= most:
             return self
         decimated_by_id: dict[int, Surface] = {}  # shapes that share a surface share its decimation
         for shape in self.shapes:
-            count = max(_MIN_TRIANGLES, math.floor(most * len(shape.surface.faces) / total))
-            decimated_by_id.setdefault(id(shape.surface), shape.surface.decimated(count))
+            triangle_count = max(_MIN_TRIANGLES, math.floor(most * len(shape.surface.faces) / total))
+            decimated_by_id.setdefault(id(shape.surface), shape.surface.decimated(triangle_count))
         shapes = [replace(shape, surface=decimated_by_id[id(shape.surface)]) for shape in self.shapes]
         return replace(self, shapes=tuple(shapes))
 
@@ -388,8 +410,8 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
     (2, 4, 4)
     """
     model = robot.model
-    visuals = list[Visual]()
-    remarks = list[str]()
+    visuals: list[Visual] = []
+    remarks: list[str] = []
     if meshes:
         visuals, remarks = read_visuals(model)
     shapes = []
@@ -400,15 +422,16 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
             shapes.append(Shape(frame.body, visual.surface, frame.pose @ visual.pose, visual.colour, "looks"))
             bodies_with_visuals.add(frame.body)
     body_frame = np.eye(4)
-    bones = skeleton(model)
-    for body, surface, colour in bones.looks:
+    robot_skeleton = skeleton(model)
+    for body, surface, colour in robot_skeleton.looks:
         if body in bodies_with_visuals:
             continue
         # Beside visuals, only bodies with mass are drawn: massless ones and the base may have no shape on purpose.
         has_mass = body != BASE and model.bodies[body].inertia.mass > 0
         if has_mass or not bodies_with_visuals:
             shapes.append(Shape(body, surface, body_frame, colour, "looks"))
-    shapes += [Shape(body, surface, body_frame, colour, "inertia") for body, surface, colour in bones.ellipsoids]
+    for body, surface, colour in robot_skeleton.ellipsoids:
+        shapes.append(Shape(body, surface, body_frame, colour, "inertia"))
     for name, inertia in model.payloads:
         if inertia.mass > 0:  # steel ball of the same mass
             frame = model.all_frames[name]
@@ -416,6 +439,6 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
             shapes.append(Shape(frame.body, ball, frame.pose, PAYLOAD, "looks"))
     if remarks:
         warnings.warn(f"robot {robot.name!r}: {'. '.join(remarks)}.", ModelWarning, stacklevel=2)
-    scene = Scene(robot, tuple(shapes), tuple(remarks), bones.size, bool(bodies_with_visuals))
+    scene = Scene(robot, tuple(shapes), tuple(remarks), robot_skeleton.size, bool(bodies_with_visuals))
     diagonal = float(np.linalg.norm(np.ptp(scene.bounds(model.neutral), axis=0)))
     return replace(scene, size=diagonal or 1.0)

@@ -26,11 +26,12 @@ _PATHS_OF_CHANGES = {
     "os.chmod": 1, "os.chown": 1, "os.link": 2, "os.mkdir": 1, "os.remove": 1, "os.rename": 2, "os.rmdir": 1,
     "os.setxattr": 1, "os.symlink": 2, "os.truncate": 1, "os.utime": 1,
 }  # fmt: skip
-"""Audit events that change the file system, by the number of paths among their first arguments."""
+"""Number of paths among the first arguments of each audit event that changes the file system."""
 _REFUSED_EVENTS = (
     "os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.spawn", "os.startfile", "os.system", "pty.spawn",
     "socket.bind", "socket.connect", "socket.getaddrinfo", "socket.sendto", "webbrowser.open",
 )  # fmt: skip
+"""Audit events that are always refused: connections, and programs other than the readers' processes."""
 _PUBLIC_PATHS = (
     "/usr", "/lib", "/lib64", "/dev/null", "/dev/urandom", "/etc/fonts", "/etc/localtime", "/etc/mime.types",
     "/proc/cpuinfo", "/proc/meminfo", "/proc/self/statm", "/sys/devices/system/cpu", "/System/Library", "/Library/Fonts",
@@ -38,7 +39,9 @@ _PUBLIC_PATHS = (
 )  # fmt: skip
 """Files of the system that are the same for all users."""
 _MESH_VARIABLES = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
-"""Environment variables with further folders of meshes."""
+"""Environment variables with folders of meshes beside a robot file's own."""
+_MAX_NAME_LENGTH = 200
+"""Number of characters of a file name in a message."""
 
 
 class Folder:
@@ -51,14 +54,15 @@ class Folder:
 
     def require(self, name: str, flag: str) -> None:
         """Raise ValueRangeError unless a path, or all files of a pattern or folder, lie in the folder, links resolved."""
+        short_name = name[:_MAX_NAME_LENGTH]
         if name.startswith("~") or name == "-" or "\0" in name:
             raise ValueRangeError(
-                f"{flag} {name[:200]!r} is not a path in the folder of this server, {str(self.path)!r}."
+                f"{flag} {short_name!r} is not a path in the folder of this server, {str(self.path)!r}."
             )
         path = self.path / name  # an absolute name replaces the folder
         if ".." in path.parts or not all(map(self._contains, (path, *self._matching_files(name)))):
             raise ValueRangeError(
-                f"{flag} {name[:200]!r} lies outside the folder of this server, {str(self.path)!r}. Copy the file into it."
+                f"{flag} {short_name!r} lies outside the folder of this server, {str(self.path)!r}. Copy the file into it."
             )
 
     def _matching_files(self, name: str) -> Iterable[Path]:
@@ -81,44 +85,48 @@ class Folder:
 
     def confine(self) -> None:
         """Confine this process and its children to the folder for good, and make it the working folder."""
-        private = tempfile.mkdtemp(prefix="twistwrench-")
-        atexit.register(shutil.rmtree, private, ignore_errors=True)
+        temporary_folder = tempfile.mkdtemp(prefix="twistwrench-")
+        atexit.register(shutil.rmtree, temporary_folder, ignore_errors=True)
         working_folder = str(Path.cwd())
-        readable = [*_PUBLIC_PATHS, *_installation(working_folder), *_fetched_robots()]
-        writable = [str(self.path), private, *_caches()]
+        readable_paths = [*_PUBLIC_PATHS, *_installation(working_folder), *_fetched_robots()]
+        writable_paths = [str(self.path), temporary_folder, *_caches()]
         for name in _MESH_VARIABLES:
             os.environ.pop(name, None)
         os.chdir(self.path)
-        child_process.PREPARATIONS.append((f"{__name__}:confine", (readable, writable, private)))
-        confine(readable, writable, private)
+        arguments = (readable_paths, writable_paths, temporary_folder)
+        child_process.PREPARATIONS.append((f"{__name__}:confine", arguments))
+        confine(*arguments)
 
 
-def confine(readable: Sequence[str], writable: Sequence[str], temporary: str) -> None:
+def confine(readable_paths: Sequence[str], writable_paths: Sequence[str], temporary_folder: str) -> None:
     """Refuse files elsewhere, connections, and processes other than those of readers, until the process ends."""
-    tempfile.tempdir = temporary
+    tempfile.tempdir = temporary_folder
     sys.dont_write_bytecode = True
-    sys.addaudithook(_Guard(readable, writable))
+    sys.addaudithook(_Guard(readable_paths, writable_paths))
 
 
 class _Guard:
     """Audit hook of the confinement."""
 
-    def __init__(self, readable: Sequence[str], writable: Sequence[str]) -> None:
-        self.writable = tuple(Path(path).resolve() for path in writable)
-        self.readable = (*self.writable, *(Path(path).resolve() for path in readable))
+    def __init__(self, readable_paths: Sequence[str], writable_paths: Sequence[str]) -> None:
+        self.writable_folders = tuple(Path(path).resolve() for path in writable_paths)
+        self.readable_folders = (*self.writable_folders, *(Path(path).resolve() for path in readable_paths))
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
         """Check one event of the interpreter."""
         if event == "open":
             path, mode, flags = args
-            writes_by_mode = bool(set(mode or "") & set("wxa+"))
-            writes_by_flags = bool((flags or 0) & _WRITE_FLAGS)
-            self._check(path, self.writable if writes_by_mode or writes_by_flags else self.readable)
+            writes_by_mode = mode is not None and not set("wxa+").isdisjoint(mode)
+            writes_by_flags = flags is not None and bool(flags & _WRITE_FLAGS)
+            writes = writes_by_mode or writes_by_flags
+            self._check(path, self.writable_folders if writes else self.readable_folders)
         elif event in ("os.listdir", "os.scandir"):
-            self._check(args[0], self.readable)
+            folder = args[0]
+            self._check(folder, self.readable_folders)
         elif event in _PATHS_OF_CHANGES:
-            for path in args[: _PATHS_OF_CHANGES[event]]:
-                self._check(path, self.writable)
+            path_count = _PATHS_OF_CHANGES[event]
+            for path in args[:path_count]:
+                self._check(path, self.writable_folders)
         elif event in _REFUSED_EVENTS or (event == "subprocess.Popen" and args[0] != sys.executable):
             raise PermissionError(errno.EACCES, "this server opens no connections and starts no programs")
 
@@ -132,7 +140,7 @@ class _Guard:
 
 
 def _installation(working_folder: str) -> list[str]:
-    """Folders of Python, of this package and of those it uses; without the working folder, which sys.path may have."""
+    """Folders of Python, of this package and of packages it uses. The working folder, which sys.path may have, is left out."""
     python = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
     packages = [str(Path(__file__).parents[2]), *site.getsitepackages(), site.getusersitepackages(), *sys.path]
     return [folder for folder in (*python, *packages) if folder not in ("", os.sep, working_folder)]
@@ -145,10 +153,12 @@ def _fetched_robots() -> list[str]:
 
 def _caches() -> list[str]:
     """Folders that compiled code and lists of fonts are kept in."""
-    font_folder, code_folder = os.environ.get("MPLCONFIGDIR"), object_cache.folder()
-    folders = [str(Path.home() / ".cache" / "matplotlib"), str(Path.home() / ".config" / "matplotlib")]
+    font_folder = os.environ.get("MPLCONFIGDIR")
     if font_folder:
         folders = [font_folder]
+    else:
+        folders = [str(Path.home() / ".cache" / "matplotlib"), str(Path.home() / ".config" / "matplotlib")]
+    code_folder = object_cache.folder()
     if code_folder is not None:
         folders.append(str(code_folder))
     return folders

@@ -32,10 +32,10 @@ _TOOLS = {
     "size": "robot motion catalog payload pause ambient",
     "convert": "robot out strict overwrite",
 }
-"""Names of the properties of each tool, by command: arguments and options."""
+"""Names of the properties of each tool, by command: its arguments, then its most used options."""
 _MORE = "more"
-"""Property of all tools for further options, as in the shell."""
-_MAX_QUOTED = 80
+"""Property of all tools for all other options, as in the shell."""
+_MAX_QUOTE_LENGTH = 80
 """Largest number of characters of a value in a message."""
 _REFUSED_OPTIONS = {
     "file_json": "it is the answer",
@@ -46,7 +46,7 @@ _REFUSED_OPTIONS = {
 _FILE_PLACEHOLDER = re.compile(r"FILE|FOLDER|DIR|LOG|MOTION|OUT|ROBOT")
 """Placeholders of options and arguments that name files."""
 _PLAIN_PLACEHOLDERS = ("VALUE", "NAME", "FRAME", "N", "SECONDS", "CELSIUS", "OUT", "LOG")
-"""Placeholders that add nothing to the name of their option."""
+"""Placeholders without information beyond the name of their option; descriptions leave them out."""
 _MAX_RESULT_LENGTH = 200_000
 """Largest result [characters]."""
 
@@ -75,8 +75,8 @@ class Tool:
     @cached_property
     def parameters(self) -> dict[str, click.Parameter]:
         """Arguments and options by property."""
-        parameter_by_property = {_property_of(parameter): parameter for parameter in self.command.params}
-        return {name: parameter_by_property[name] for name in self.properties}
+        all_parameters = {_property_of(parameter): parameter for parameter in self.command.params}
+        return {name: all_parameters[name] for name in self.properties}
 
     def description(self) -> dict[str, Any]:
         """Name, purpose and schema of the arguments."""
@@ -91,20 +91,26 @@ class Tool:
         return {"name": self.name, "description": _first_sentence(self.command.help or ""), "inputSchema": schema}
 
     def words(self, arguments: Mapping[str, Any]) -> list[str]:
-        """Words of the command line without the command; raises if an argument is unknown or has a value of a wrong type."""
-        options: list[str] = []
-        positional: list[str] = []
+        """Words of the command line without the command; raises if an argument is unknown or has a value of a wrong type.
+
+        ``arguments`` are values by property, in any order.
+        """
+        option_words: list[str] = []
+        positional_words: list[str] = []
         for name, value in arguments.items():
             if name == _MORE:
                 continue
             if name not in self.parameters:
                 raise UnknownNameError.from_choices("argument", name, [*self.parameters, _MORE])
-            if isinstance(self.parameters[name], click.Option):
-                options += _option_words(self.parameters[name], name, value)
-        for name, parameter in self.parameters.items():
+            parameter = self.parameters[name]
+            if isinstance(parameter, click.Option):
+                option_words += _option_words(parameter, name, value)
+        for name, parameter in self.parameters.items():  # in the order of the command line
             if isinstance(parameter, click.Argument) and name in arguments:
-                positional += _texts(name, arguments[name], several=parameter.nargs == -1)
-        return [*options, *_further_option_words(arguments.get(_MORE, "")), "--", *positional]
+                takes_several = parameter.nargs == -1
+                positional_words += _texts(name, arguments[name], several=takes_several)
+        more_words = _more_option_words(arguments.get(_MORE, ""))
+        return [*option_words, *more_words, "--", *positional_words]
 
 
 @dataclass(frozen=True)
@@ -130,27 +136,27 @@ class Tools:
             return ToolResult(f"error: {error.in_shell()}", is_error=True)
         except click.UsageError as error:
             return ToolResult(f"error: {error.format_message()}", is_error=True)
-        output, notes = io.StringIO(), io.StringIO()
-        with redirect_stdout(output), redirect_stderr(notes):
+        output = io.StringIO()
+        messages = io.StringIO()
+        code = 0
+        with redirect_stdout(output), redirect_stderr(messages):
             try:
                 main.main([name, "--json=-", *words], prog_name="twistwrench")
-                code = 0
             except SystemExit as exit_request:
-                code = int(exit_request.code is not None)  # of a text: 1
-                if isinstance(exit_request.code, int):
-                    code = exit_request.code
+                code = _exit_code(exit_request)
         if code not in (ExitCode.FINE, ExitCode.NO):
-            return ToolResult(notes.getvalue().strip() or f"exit code {code}", is_error=True)
+            message = messages.getvalue().strip()
+            return ToolResult(message or f"exit code {code}", is_error=True)
         return _result(output.getvalue())
 
     def _check(self, tool: Tool, words: list[str]) -> None:
         """Raise for options that no tool has, and for files outside the folder."""
         context = click.Context(tool.command, info_name=tool.name)
-        given, _, _ = tool.command.make_parser(context).parse_args(list(words))
+        values, _, _ = tool.command.make_parser(context).parse_args(list(words))
         for parameter in tool.command.params:
-            value = given.get(str(parameter.name))
+            value = values.get(str(parameter.name))
             if value is None or not isinstance(value, str | list | tuple):
-                continue
+                continue  # not given, or not a text
             label = parameter.opts[0]
             if isinstance(parameter, click.Argument):
                 label = str(parameter.metavar or parameter.name)
@@ -177,11 +183,18 @@ class Tools:
 _NO_XACRO = "macros of xacro are not expanded by this server. Start it with --expand-xacro, or give a URDF file."
 
 
+def _exit_code(exit_request: SystemExit) -> int:
+    """Exit code of a process that ends so: 0 without a code, 1 for a text."""
+    if isinstance(exit_request.code, int):
+        return exit_request.code
+    return 0 if exit_request.code is None else 1
+
+
 def _property_of(parameter: click.Parameter) -> str:
     """Name of the property of an argument or option."""
     if isinstance(parameter, click.Argument):
         name = (parameter.metavar or str(parameter.name)).strip("[].").lower()
-        return {"log": "logs"}.get(name, name)
+        return "logs" if name == "log" else name
     return parameter.opts[0].removeprefix("--")
 
 
@@ -206,7 +219,8 @@ def _schema(parameter: click.Parameter) -> dict[str, Any]:
     else:
         is_number = parameter.type in (click.FLOAT, click.INT) or isinstance(parameter.type, Seconds)
         schema = {"type": "number" if is_number else "string"}
-    if parameter.multiple and "JOINT=VALUE" in (parameter.metavar or ""):  # of one joint each
+    is_per_joint = "JOINT=VALUE" in (parameter.metavar or "")
+    if parameter.multiple and is_per_joint:
         schema = {"type": "array", "items": schema}
     return {**schema, "description": text}
 
@@ -218,16 +232,17 @@ _MAX_CLAUSE_LENGTH = 48
 def _first_sentence(text: str) -> str:
     """First sentence, or its first clause, in one line without a full stop."""
     line = " ".join(text.split())
-    return re.split(r"[;:]\s|\.\s|  ?\[default", line)[0].rstrip(".")
+    first_part, *_ = re.split(r"[;:]\s|\.\s|  ?\[default", line)
+    return first_part.rstrip(".")
 
 
 def _clause(text: str) -> str:
-    """First clause, cut at a word."""
+    """First clause of a text, cut after a whole word if it is long."""
     clause = _first_sentence(text)
     if len(clause) > _MAX_CLAUSE_LENGTH:
         clause = clause.split(", ")[0]
     if len(clause) > _MAX_CLAUSE_LENGTH:
-        whole_words = clause[:_MAX_CLAUSE_LENGTH].rpartition(" ")[0]
+        whole_words, _, _ = clause[:_MAX_CLAUSE_LENGTH].rpartition(" ")
         clause = f"{whole_words}…"
     return clause
 
@@ -255,21 +270,25 @@ def _texts(name: str, value: Any, *, several: bool) -> list[str]:
         return [",".join(map(repr, value))]
     if isinstance(value, list) and all(isinstance(item, str) for item in value):
         return value if several else [",".join(value)]
-    raise ValueRangeError(f"{name} is {str(value)[:_MAX_QUOTED]!r}. Give a text, a number, or a list of one of them.")
+    raise ValueRangeError(
+        f"{name} is {str(value)[:_MAX_QUOTE_LENGTH]!r}. Give a text, a number, or a list of one of them."
+    )
 
 
-def _further_option_words(text: Any) -> list[str]:
-    """Words of the further options in the property ``more``."""
+def _more_option_words(text: Any) -> list[str]:
+    """Words of the options in the property ``more``."""
     if not isinstance(text, str):
         raise ValueRangeError(
-            f"{_MORE} is {str(text)[:_MAX_QUOTED]!r}. Give options as in the shell, for example '--tip tool0'."
+            f"{_MORE} is {str(text)[:_MAX_QUOTE_LENGTH]!r}. Give options as in the shell, for example '--tip tool0'."
         )
     try:
         words = shlex.split(text)
     except ValueError as problem:
-        raise ValueRangeError(f"{_MORE} {text[:_MAX_QUOTED]!r}: {problem}. Close the quotation.") from None
+        raise ValueRangeError(f"{_MORE} {text[:_MAX_QUOTE_LENGTH]!r}: {problem}. Close the quotation.") from None
     if "--" in words:
-        raise ValueRangeError(f"{_MORE} {text[:_MAX_QUOTED]!r} has '--', after which no options follow. Leave it out.")
+        raise ValueRangeError(
+            f"{_MORE} {text[:_MAX_QUOTE_LENGTH]!r} has '--', after which no options follow. Leave it out."
+        )
     return words
 
 
@@ -283,20 +302,20 @@ def _texts_in(value: Any) -> Iterator[str]:
 
 
 def _result(text: str) -> ToolResult:
-    """Result with the verdict first; help is text."""
+    """Result of a command's output: its JSON with the verdict first, or its text, such as help, unchanged."""
     try:
         data = json.loads(text)
-    except ValueError:
+    except ValueError:  # not JSON
         return ToolResult(text, is_error=False)
     first_entries = {key: data[key] for key in ("verdict", "sentences") if key in data}
-    shown = json.dumps({**first_entries, **data}, ensure_ascii=False, separators=(",", ":"))
-    if len(shown) > _MAX_RESULT_LENGTH:
+    result_text = json.dumps({**first_entries, **data}, ensure_ascii=False, separators=(",", ":"))
+    if len(result_text) > _MAX_RESULT_LENGTH:
         return ToolResult(
-            f"error: the result has {len(shown):,} characters; at most {_MAX_RESULT_LENGTH:,} are sent. Write a file instead, "
-            "with --csv OUT.csv or --report OUT.html in `more`, or give fewer motions.",
+            f"error: the result has {len(result_text):,} characters; at most {_MAX_RESULT_LENGTH:,} are sent. Write a file "
+            "instead, with --csv OUT.csv or --report OUT.html in `more`, or give fewer motions.",
             is_error=True,
         )
-    return ToolResult(shown, is_error=False)
+    return ToolResult(result_text, is_error=False)
 
 
 def server_instructions(folder: Path) -> str:

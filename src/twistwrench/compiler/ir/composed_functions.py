@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 _MAX_FLOAT = float(np.finfo(float).max)
 _MIN_NORMAL = float(np.finfo(float).tiny)
-_SERIES_TERMS = 11
-"""Number of terms of the series of artanh and arctan, whose arguments are below 1/3 and tan(pi/16) = 0.2."""
-_SQUARE_ROOTS = 10
+_SERIES_TERM_COUNT = 11
+"""Number of terms of the series of artanh, for arguments below 1/3, and of arctan, for arguments below tan(pi/16) = 0.2."""
+_SQUARE_ROOT_COUNT = 10
 """Number of square roots in sequence that bring any argument of a logarithm between 1/2 and 2."""
 
 
@@ -35,7 +35,8 @@ class Composed(NamedTuple):
 def tanh(x: Expr) -> Expr:
     """Hyperbolic tangent: (1 - e) / (1 + e) with e = exp(-2 |x|), and the sign of x."""
     e = (-2.0 * abs(x)).exp()
-    return _record_function("tanh", x.sign() * ((1.0 - e) / (1.0 + e)), 1.0, x)
+    value = x.sign() * ((1.0 - e) / (1.0 + e))
+    return _record_function("tanh", value, 1.0, x)
 
 
 def log(x: Expr) -> Expr:
@@ -46,11 +47,11 @@ def log(x: Expr) -> Expr:
     """
     trace = x.trace
     r = x
-    for _ in range(_SQUARE_ROOTS):
+    for _ in range(_SQUARE_ROOT_COUNT):
         r = r.sqrt()  # at the end, sqrt(1/2) < r < 2
     s = (r - 1.0) / (r + 1.0)
     artanh_s = s * _odd_series(s * s, 1.0)
-    y = 2.0 ** (_SQUARE_ROOTS + 1) * artanh_s
+    y = 2.0 ** (_SQUARE_ROOT_COUNT + 1) * artanh_s
     for _ in range(2):
         e = y.exp()
         y = y + (x - e) / trace.max(trace.constant(_MIN_NORMAL), 0.5 * x + 0.5 * e)
@@ -61,7 +62,7 @@ def log(x: Expr) -> Expr:
 def arctan2(y: Expr, x: Expr) -> Expr:
     """Angle of the point (x, y), from -pi to pi; 0 at the origin. Abramowitz and Stegun (1964), section 4.4.
 
-    The angle of (|x|, |y|) from its nearer axis has the tangent t = shorter / longer side. The formula of the half angle,
+    The angle between (|x|, |y|) and the nearer axis has the tangent t = shorter / longer side. The half-angle formula,
     applied twice, makes t smaller. Reflections then bring the angle into the octant of (x, y).
     """
     trace = y.trace
@@ -71,7 +72,7 @@ def arctan2(y: Expr, x: Expr) -> Expr:
     for _ in range(2):  # tan(a / 2) = tan a / (1 + sqrt(1 + tan^2 a)); then t < tan(pi / 16)
         t = t / (1.0 + (1.0 + t * t).sqrt())
     angle = 4.0 * (t * _odd_series(t * t, -1.0))
-    # 0 or 1, and 1/2 on the line between, which is its own mirror image
+    # 0 or 1; 1/2 on the line in which the angle is reflected, where it stays
     is_steep = 0.5 + 0.5 * (height - width).sign()
     is_left = 0.5 - 0.5 * x.sign()
     angle = angle + is_steep * (0.5 * math.pi - 2.0 * angle)  # pi / 2 - angle if steep
@@ -82,20 +83,21 @@ def arctan2(y: Expr, x: Expr) -> Expr:
 
 
 def _odd_series(square: Any, sign: float) -> Any:
-    """Series 1 + s z / 3 + z^2 / 5 + s z^3 / 7 + ..., by Horner's scheme.
+    """Series 1 + s z / 3 + z^2 / 5 + s z^3 / 7 + ... at z = ``square``, with s = ``sign``, by Horner's scheme.
 
-    At z = t^2, ``square``, it is artanh(t) / t for the sign s = 1, and arctan(t) / t for s = -1.
+    At z = t^2 it is artanh(t) / t for s = 1, and arctan(t) / t for s = -1.
     """
     total: Any = 0.0
-    for k in reversed(range(_SERIES_TERMS)):
+    for k in reversed(range(_SERIES_TERM_COUNT)):
         total = total * square + sign**k / (2 * k + 1)
     return total
 
 
 def _record_function(name: str, value: Any, maximum: float, *operands: Expr) -> Expr:
-    """Expression of a value, for which its trace records the function.
+    """Expression of a function's value, with the function recorded in its trace.
 
-    ``value`` may be an expression that is used elsewhere. Its minimum with ``maximum``, a bound of the function, is a new one.
+    ``value`` may be an expression that is used elsewhere, too. Its minimum with ``maximum``, a bound of the function, is a
+    new expression.
     """
     trace = operands[0].trace
     expression = trace.min(trace.constant(maximum), trace.lift(value))  # NaN stays NaN

@@ -17,7 +17,7 @@ from ...core.errors import KernelError
 from ..ir.program import FUSED, Program
 
 PRECISIONS = {"double": "", "float": "f"}
-"""Suffix of functions and literals in C, by the type."""
+"""Suffix of functions and literals in C, by the C type of their numbers."""
 
 FUSED_MACROS = """\
 /* A product and a sum, rounded once as the kernels do; twice with -DTWISTWRENCH_NO_FMA, for processors without fma. */
@@ -76,11 +76,11 @@ class CFunction:
     def parameters(self) -> tuple[str, ...]:
         """Unique names of the arrays, inputs first."""
         names: list[str] = []
-        for ports, ending in ((self.program.inputs, "_2"), (self.program.outputs, "_out")):
+        for ports, suffix in ((self.program.inputs, "_2"), (self.program.outputs, "_out")):
             for port in ports:
                 name = identifier(port.name.replace("wrench at", "wrench"))
-                while name in names:
-                    name += ending
+                while name in names:  # the suffix makes it unique
+                    name += suffix
                 names.append(name)
         return tuple(names)
 
@@ -88,23 +88,24 @@ class CFunction:
     def prototype(self) -> str:
         """Declaration, without a semicolon."""
         inputs, outputs = self.program.inputs, self.program.outputs
-        types = [f"const {self.precision}"] * len(inputs) + [self.precision] * len(outputs)
-        arrays = zip(types, self.parameters, (*inputs, *outputs), strict=True)
-        parameters = [f"{element_type} {name}[{port.size}]" for element_type, name, port in arrays]
-        line = f"void {self.name}({', '.join(parameters)})"
-        if len(line) <= _MAX_LINE_LENGTH:
-            return line
-        return f"void {self.name}(\n    " + ",\n    ".join(parameters) + ")"
+        element_types = [f"const {self.precision}"] * len(inputs) + [self.precision] * len(outputs)
+        arrays = zip(element_types, self.parameters, (*inputs, *outputs), strict=True)
+        declarations = [f"{element_type} {name}[{port.size}]" for element_type, name, port in arrays]
+        single_line = f"void {self.name}({', '.join(declarations)})"
+        if len(single_line) <= _MAX_LINE_LENGTH:
+            return single_line
+        return f"void {self.name}(\n    " + ",\n    ".join(declarations) + ")"
 
     @property
     def definition(self) -> str:
         """Complete function definition."""
-        outputs = self.parameters[len(self.program.inputs) :]
-        entries: list[str] = []
-        for name, port in zip(outputs, self.program.outputs, strict=True):
-            entries += [f"{name}[{k}]" for k in range(port.size)]
-        stores = zip(entries, self.program.results, strict=True)
-        return "\n".join([self.prototype, "{", *statements(self.program, self.precision, self.parameters, stores), "}"])
+        output_names = self.parameters[len(self.program.inputs) :]
+        output_elements: list[str] = []
+        for name, port in zip(output_names, self.program.outputs, strict=True):
+            output_elements += [f"{name}[{k}]" for k in range(port.size)]
+        stores = zip(output_elements, self.program.results, strict=True)
+        body_lines = statements(self.program, self.precision, self.parameters, stores)
+        return "\n".join([self.prototype, "{", *body_lines, "}"])
 
     @property
     def fuses(self) -> bool:
@@ -117,8 +118,9 @@ def statements(
 ) -> list[str]:
     """Lines of a function's body.
 
-    ``names`` are those of the function's arrays, beginning with the program's inputs. ``stores`` pairs each output element
-    with the number of its instruction. ``sincos`` is a function ``(x, &s, &c)`` that computes sine and cosine together, if any.
+    ``names`` are the names of the function's arrays, beginning with the program's inputs. ``stores`` pairs each output element
+    with the number of its instruction. ``sincos`` names a function ``(x, &s, &c)`` that computes sine and cosine together;
+    empty: the two are computed apart.
     """
     return _Body(program, precision, names, stores, sincos).lines
 
@@ -132,31 +134,31 @@ class _Body:
         self.program, self.type, self.sincos = program, precision, sincos
         self.suffix = PRECISIONS[precision]
         self.lines: list[str] = []
-        self.written: dict[int, str] = {}
-        """Name of the variable, or literal, of each value that is written, by number of its instruction."""
-        self.slots: dict[int, list[str]] = {}
+        self.operands: dict[int, str] = {}
+        """Variable or literal of each value written so far, by number of its instruction."""
+        self.output_elements: dict[int, list[str]] = {}
         """Output elements that get each value, by number of its instruction."""
-        for element, result in stores:
-            self.slots.setdefault(result, []).append(element)
-        self._write_constants()
+        for element, number in stores:
+            self.output_elements.setdefault(number, []).append(element)
+        self._define_constants()
         self._read_inputs(names)
-        pairs = self._sine_cosine_pairs()
+        numbers_by_angle = self._sines_and_cosines()
         for number, instruction in enumerate(self.program.instructions):
             if instruction.op in ("const", "input"):
                 self._write_stores(number)
-            elif number not in self.written:
-                self._write_with_partner(number, pairs.get(number, ()))
+            elif number not in self.operands:
+                self._write_with_partner(number, numbers_by_angle.get(number, ()))
 
-    def _write_constants(self) -> None:
-        """Constants are literals where they are used."""
+    def _define_constants(self) -> None:
+        """Let constants be literals where they are used."""
         for number, (op, _, value) in enumerate(self.program.instructions):
             if op == "const":
-                self.written[number] = literal(value, self.type)
+                self.operands[number] = literal(value, self.type)
 
     def _read_inputs(self, names: Sequence[str]) -> None:
         """Read all used inputs before anything is written, so that an output may use the array of an input."""
         elements: list[tuple[str, int]] = []  # array and index of each input
-        for name, port in zip(names, self.program.inputs, strict=False):
+        for name, port in zip(names, self.program.inputs, strict=False):  # names of outputs follow
             elements += [(name, k) for k in range(port.size)]
         reads: list[tuple[int, int]] = []  # number of the input, and number of its instruction
         for number, instruction in enumerate(self.program.instructions):
@@ -172,52 +174,51 @@ class _Body:
             variable = f"{name}_{k}"
             while variable in names:
                 variable += "_"
-            self.written[number] = variable
+            self.operands[number] = variable
             self.lines.append(f"    const {self.type} {variable} = {name}[{k}];")
 
-    def _sine_cosine_pairs(self) -> dict[int, tuple[int, ...]]:
-        """Sines and cosines of the same angle, by number of each. Compilers can compute neighbours together."""
-        by_angle: dict[int, list[int]] = {}
+    def _sines_and_cosines(self) -> dict[int, tuple[int, ...]]:
+        """Instructions of sine and cosine of one angle, by number of each of them. Compilers compute neighbours together."""
+        numbers_by_angle: dict[int, list[int]] = {}
         for number, (op, args, _) in enumerate(self.program.instructions):
             if op in ("sin", "cos"):
-                by_angle.setdefault(args[0], []).append(number)
-        pairs: dict[int, tuple[int, ...]] = {}
-        for numbers in by_angle.values():
-            pairs |= dict.fromkeys(numbers, tuple(numbers))
-        return pairs
+                numbers_by_angle.setdefault(args[0], []).append(number)
+        partners: dict[int, tuple[int, ...]] = {}
+        for numbers in numbers_by_angle.values():
+            partners |= dict.fromkeys(numbers, tuple(numbers))
+        return partners
 
-    def _write_with_partner(self, number: int, pair: tuple[int, ...]) -> None:
-        """Write an operation; a sine or cosine together with the other one of its angle, if the program has both."""
-        if self.sincos and len(pair) == 2:
-            (angle,) = self.program.instructions[number].args
-            sine, cosine = sorted(
-                pair, key=lambda k: self.program.instructions[k].op, reverse=True
-            )  # "sin" after "cos"
+    def _write_with_partner(self, number: int, partners: tuple[int, ...]) -> None:
+        """Write an operation; with a sine or cosine also the other one of its angle, if the program has both."""
+        instructions = self.program.instructions
+        if self.sincos and len(partners) == 2:
+            (angle,) = instructions[number].args
+            cosine, sine = sorted(partners, key=lambda partner: instructions[partner].op)  # "cos" before "sin"
             self.lines += [
                 f"    {self.type} t{sine}, t{cosine};",
-                f"    {self.sincos}({self.written[angle]}, &t{sine}, &t{cosine});",
+                f"    {self.sincos}({self.operands[angle]}, &t{sine}, &t{cosine});",
             ]
-            for k in (sine, cosine):
-                self.written[k] = f"t{k}"
-                self._write_stores(k)
+            for partner in (sine, cosine):
+                self.operands[partner] = f"t{partner}"
+                self._write_stores(partner)
             return
-        for k in (number, *pair):
-            if k not in self.written:
-                self._write_operation(k)
+        for partner in (number, *partners):
+            if partner not in self.operands:
+                self._write_operation(partner)
 
     def _write_operation(self, number: int) -> None:
         """Write one operation, and store its value where it is a result."""
         variable = f"t{number}"
         op, args, _ = self.program.instructions[number]
-        expression = self._expression(op, [self.written[operand] for operand in args])
+        expression = self._expression(op, [self.operands[operand] for operand in args])
         self.lines.append(f"    const {self.type} {variable} = {expression};")
-        self.written[number] = variable
+        self.operands[number] = variable
         self._write_stores(number)
 
     def _write_stores(self, number: int) -> None:
         """Store a value as soon as it is computed if it is a result: afterwards it needs no register or stack."""
-        for element in self.slots.get(number, ()):
-            self.lines.append(f"    {element} = {self.written[number]};")
+        for element in self.output_elements.get(number, ()):
+            self.lines.append(f"    {element} = {self.operands[number]};")
 
     def _expression(self, op: str, operands: list[str]) -> str:
         """Expression in C for an operation."""

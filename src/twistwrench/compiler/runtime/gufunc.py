@@ -35,8 +35,10 @@ _LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
 _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
 """Slot of PyUFunc_FromFuncAndDataAndSignature in NumPy's ufunc API table; fixed since NumPy 1.0."""
 
-_NONE_IDENTITY = -1
+_NO_IDENTITY = -1
 """PyUFunc_None: the ufunc cannot be reduced."""
+_TYPE_COUNT = 2
+"""Number of types of a ufunc made here: float32 and float64."""
 _MAX_OPERANDS = 32
 """Maximum number of arrays of a ufunc, inputs and outputs together, in NumPy 1."""
 
@@ -48,7 +50,7 @@ class _UFuncObject(ctypes.Structure):
     """Head of NumPy's public PyUFuncObject, up to its reference to an owner."""
 
     _fields_ = (
-        # The head of every Python object, before its type; longer in builds of Python without the global lock.
+        # Head of every Python object up to its type: reference counts. Longer in builds of Python without the global lock.
         ("counts", ctypes.c_byte * (object.__basicsize__ - ctypes.sizeof(ctypes.c_void_p))),
         ("type", ctypes.c_void_p),
         ("nin", ctypes.c_int),
@@ -90,7 +92,7 @@ class KernelMetadata(NamedTuple):
 
 
 class _Returned:
-    """Result of a callback. It is freed after the callback's Python code has ended, which cannot catch an exception then."""
+    """Result of a callback. It is freed after the callback's Python code has ended, so that this cannot catch an exception."""
 
 
 @cache
@@ -104,51 +106,58 @@ def _raise_in_thread() -> Any:
 
 
 def _class_of(problem: BaseException) -> type[BaseException]:
-    """Class whose instance is the exception ``problem``: Python raises an exception in a thread by its class only."""
+    """Class that makes the exception ``problem`` when called: in another thread, Python raises exceptions by their class."""
 
-    class Again(BaseException):
+    class ProblemClass(BaseException):
         def __new__(cls) -> Any:
             return problem
 
-    return Again
+    return ProblemClass
 
 
 class _Owner:
     """All memory and code behind one ufunc."""
 
     def __init__(self, program: Form | KernelMetadata, name: str, doc: str, *, scalar: bool) -> None:
-        operands = len(program.inputs) + len(program.outputs)
-        if operands > _MAX_OPERANDS:
+        operand_count = len(program.inputs) + len(program.outputs)
+        if operand_count > _MAX_OPERANDS:
             raise KernelError(
-                f"kernel {name!r} has {operands} arrays; NumPy allows {_MAX_OPERANDS}. Add up what can be."
+                f"kernel {name!r} has {operand_count} arrays; NumPy allows {_MAX_OPERANDS}. Add up what can be."
             )
         self.is_scalar = scalar
         self.machine = chosen()
         if scalar:
             self.machine = self.machine.narrowed(DOUBLE.bits)
-        self.given, self.description = program, doc
+        self.given = program
+        """Program, or its metadata as long as the program is not needed."""
+        self.description = doc
         self.key = ""
         """Key of the cached kernel; empty if it is not cached."""
-        code = None
+        double_code = None
         if isinstance(program, KernelMetadata):
-            self.key, code = program.key, cached_code(program.code, self.machine)
-            if code is None:
+            self.key = program.key
+            double_code = cached_code(program.code, self.machine)
+            if double_code is None:
                 self.given = program.form()
-        self.code: dict[str, Code] = {"d": code or compile_form(self.form, DOUBLE, self.machine)}
+        if double_code is None:
+            double_code = compile_form(self.form, DOUBLE, self.machine)
+        self.code: dict[str, Code] = {"d": double_code}
         """Code for batches, by character of the type."""
         self.scalar: dict[str, Code] = {}
         """Code for single samples, by character of the type."""
         self.lazy_stub = _LOOP(self._first_float32_call)
         self.interrupt: Any = None
+        """Weak reference whose callback raises an exception of the stub."""
         # float32 first: NumPy uses the first loop to which the arguments can be cast without loss.
-        self.functions = (ctypes.c_void_p * 2)(
-            ctypes.cast(self.lazy_stub, ctypes.c_void_p).value, self.code["d"].address
-        )
-        self.data = (ctypes.c_void_p * 2)()
-        type_numbers = [np.dtype(np.float32).num] * operands + [np.dtype(np.float64).num] * operands
+        stub_address = ctypes.cast(self.lazy_stub, ctypes.c_void_p).value
+        self.functions = (ctypes.c_void_p * _TYPE_COUNT)(stub_address, double_code.address)
+        self.data = (ctypes.c_void_p * _TYPE_COUNT)()
+        float32_number, float64_number = np.dtype(np.float32).num, np.dtype(np.float64).num
+        type_numbers = [float32_number] * operand_count + [float64_number] * operand_count
         self.types = (ctypes.c_byte * len(type_numbers))(*type_numbers)
-        self.name, self.doc = ctypes.create_string_buffer(name.encode()), ctypes.create_string_buffer(doc.encode())
-        if not interpreter.is_main():
+        self.name = ctypes.create_string_buffer(name.encode())
+        self.doc = ctypes.create_string_buffer(doc.encode())
+        if not interpreter.is_main():  # no stub: C cannot call back
             self.address(SINGLE)
 
     @cached_property
@@ -183,7 +192,7 @@ class _Owner:
 
     @cached_property
     def row(self) -> int:
-        """Size of all results of a sample in doubles [bytes]."""
+        """Size of a row of results, all results of one sample, as float64 [bytes]."""
         return DOUBLE.bytes * sum(port.size for port in self.given.outputs)
 
     def _first_float32_call(self, args: int, dims: int, steps: int, data: int) -> _Returned | None:
@@ -210,18 +219,21 @@ class _Owner:
     def _fill_nan(self, args: int, dims: int, steps: int) -> None:
         """Write NaN into every float32 result of a call of the loop, whose arguments are ``args``, ``dims`` and ``steps``.
 
-        ``steps`` has the strides of the batch, one for each operand, and then those of the core axes, operand by operand.
+        ``args`` are addresses of the operands, ``dims`` the size of the batch and the core sizes. ``steps`` are the strides
+        of the batch, one for each operand, and then those of the core axes, operand by operand.
         """
         axes_by_operand = axes_of(self.given.signature)
-        all_axes = list(itertools.chain(*axes_by_operand))
-        sizes = list((ctypes.c_ssize_t * (1 + max(all_axes, default=0))).from_address(dims))
-        strides = list((ctypes.c_ssize_t * (len(axes_by_operand) + len(all_axes))).from_address(steps))
         operand_count = len(axes_by_operand)
+        all_axes = list(itertools.chain(*axes_by_operand))
+        sizes_type = ctypes.c_ssize_t * (1 + max(all_axes, default=0))
+        strides_type = ctypes.c_ssize_t * (operand_count + len(all_axes))
+        sizes = list(sizes_type.from_address(dims))
+        strides = list(strides_type.from_address(steps))
         batch_strides, core_strides = strides[:operand_count], strides[operand_count:]
         for k, axes in enumerate(axes_by_operand):
             own_strides = [batch_strides[k], *core_strides[: len(axes)]]
-            core_strides = core_strides[len(axes) :]
-            if k >= len(self.given.inputs):
+            core_strides = core_strides[len(axes) :]  # of the operands after this one
+            if k >= len(self.given.inputs):  # an output
                 start = ctypes.c_void_p.from_address(args + k * ctypes.sizeof(ctypes.c_void_p)).value
                 shape = [sizes[0], *(sizes[axis] for axis in axes)]
                 for index in np.ndindex(*shape):
@@ -249,13 +261,14 @@ class _Owner:
             return self.scalar[precision.char]
 
     def _code_of(self, precision: Precision, machine: Machine) -> Code:
-        """Code for another type or vector width than at first, cached if the kernel is cached."""
+        """Code for another type or vector width than at first; from the cache if the kernel is cached."""
         if not self.key:
             return compile_form(self.form, precision, machine)
         key = object_cache.digest("code", self.key, precision.char, str(machine)).hex()
         entry = object_cache.load(key)
         if entry is not None:
-            cached = cached_code(entry.decode("ascii", "replace").split(), machine)
+            code_keys = entry.decode("ascii", "replace").split()
+            cached = cached_code(code_keys, machine)
             if cached is not None:
                 return cached
         code = compile_form(self.form, precision, machine)
@@ -271,15 +284,16 @@ def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool
     such a ufunc must be called with ``out=``. A ``scalar`` ufunc is for one sample at a time, in one lane.
     """
     owner = _Owner(program, name, doc, scalar=scalar)
-    pointers, integers = [ctypes.c_void_p] * 3, [ctypes.c_int] * 4
+    pointers = [ctypes.c_void_p] * 3
+    integers = [ctypes.c_int] * 4
     texts = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p]
-    constructor = ctypes.PYFUNCTYPE(ctypes.py_object, *pointers, *integers, *texts)(
-        numpy_function("_UFUNC_API", _FROM_FUNC_AND_DATA_AND_SIGNATURE)
-    )
+    constructor_type = ctypes.PYFUNCTYPE(ctypes.py_object, *pointers, *integers, *texts)
+    constructor = constructor_type(numpy_function("_UFUNC_API", _FROM_FUNC_AND_DATA_AND_SIGNATURE))
+    unused = 0
     ufunc: np.ufunc = constructor(
         ctypes.addressof(owner.functions), ctypes.addressof(owner.data), ctypes.addressof(owner.types),
-        2, len(program.inputs), len(program.outputs), _NONE_IDENTITY,
-        ctypes.addressof(owner.name), ctypes.addressof(owner.doc), 0, program.signature.encode(),
+        _TYPE_COUNT, len(program.inputs), len(program.outputs), _NO_IDENTITY,
+        ctypes.addressof(owner.name), ctypes.addressof(owner.doc), unused, program.signature.encode(),
     )  # fmt: skip
     head = _UFuncObject.from_address(id(ufunc))
     if not _abi_matches() or head.functions != ctypes.addressof(owner.functions) or head.owner is not None:
@@ -308,16 +322,16 @@ def owner_of(kernel: Any) -> _Owner | None:
 
 
 def load_ufunc(key: str, form: Callable[[], Form]) -> np.ufunc | None:
-    """Cached kernel for a key, or None. ``form`` returns its program when needed."""
+    """Cached kernel for a key; None if the cache has none. ``form`` returns its program when needed."""
     entry = object_cache.load(key)
     if entry is None:
         return None
     try:
-        name, doc, inputs, outputs, length, cost, code = literal_eval(entry.decode())
-        ins, outs = _specs_from_rows(inputs), _specs_from_rows(outputs)
+        name, doc, input_rows, output_rows, length, cost, code_keys = literal_eval(entry.decode())
+        inputs, outputs = _specs_from_rows(input_rows), _specs_from_rows(output_rows)
     except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):  # the kernel is made again
         return None
-    return make_ufunc(KernelMetadata(ins, outs, length, cost, code, form, key), name, doc)
+    return make_ufunc(KernelMetadata(inputs, outputs, length, cost, code_keys, form, key), name, doc)
 
 
 def _specs_from_rows(rows: Sequence[tuple[str, tuple[int, ...]]]) -> tuple[TensorSpec, ...]:
@@ -386,6 +400,8 @@ def numpy_function(table: str, slot: int) -> int:
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
     get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
-    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    functions = ctypes.cast(get_pointer(getattr(_multiarray_umath, table), None), ctypes.POINTER(ctypes.c_void_p))
-    return functions[slot] or 0
+    get_pointer.restype = ctypes.c_void_p
+    get_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+    table_address = get_pointer(getattr(_multiarray_umath, table), None)
+    functions = ctypes.cast(table_address, ctypes.POINTER(ctypes.c_void_p))
+    return functions[slot] or 0  # None is a null pointer

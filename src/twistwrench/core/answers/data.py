@@ -33,7 +33,7 @@ class DataTable:
     columns: tuple[tuple[str, str], ...]
     """Name and unit of each column."""
     cells: tuple[tuple[Any, ...], ...]
-    """Rows; a number is in the unit of its column, and None if it is not finite."""
+    """Rows of cells; numbers are in the unit of their column, and None if not finite."""
 
     @classmethod
     def from_table(cls, table: Table) -> DataTable:
@@ -54,8 +54,8 @@ class DataTable:
         """
         data = table_data(table)
         columns = tuple((column["name"], column["unit"]) for column in data["columns"])
-        title = _UNIT.sub("", table.title)
-        return cls(title, columns, tuple(tuple(row) for row in data["rows"]))
+        title = _UNIT_AT_END.sub("", table.title)
+        return cls(title, columns, tuple(map(tuple, data["rows"])))
 
     def rows(self) -> list[dict[str, Any]]:
         """One dictionary for each row.
@@ -96,7 +96,7 @@ class DataTable:
         return frame
 
 
-_UNIT = re.compile(r" \[[^\]]*\]$")
+_UNIT_AT_END = re.compile(r" \[[^\]]*\]$")
 """Unit at the end of a title."""
 
 
@@ -119,7 +119,7 @@ def report_data(blocks: Sequence[Block]) -> dict[str, Any]:
 
 
 def table_data(table: Table) -> dict[str, Any]:
-    """Title, columns with name and unit, and rows; a number is in the unit of its column, and None if it is not finite.
+    """Title, columns with name and unit, and rows; numbers are in the unit of their column, and None if not finite.
 
     Limits printed behind values become a separate column. A column without name and content, such as one of bars, is left out.
     """
@@ -127,20 +127,22 @@ def table_data(table: Table) -> dict[str, Any]:
     cells_by_column: list[list[Any]] = []
     for column in table.columns:
         name = " ".join(column.name.split())
-        source = column.narrow or column  # the form for narrow terminals has numbers in place of bars
-        cells = [_cell(source, value) for value in source.values]
+        # The form for narrow terminals has numbers in place of bars.
+        number_column = column if column.narrow is None else column.narrow
+        unit = number_column.unit
+        cells = [_cell(number_column, value) for value in number_column.values]
         if name or any(cells):
-            columns.append({"name": name, "unit": source.unit})
+            columns.append({"name": name, "unit": unit})
             cells_by_column.append(cells)
-        if source.limits is not None:
-            columns.append({"name": f"{name} limit", "unit": source.unit})
-            cells_by_column.append([_number(limit) for limit in source.limits])
+        if number_column.limits is not None:
+            columns.append({"name": f"{name} limit", "unit": unit})
+            cells_by_column.append([_number(limit) for limit in number_column.limits])
     rows = [list(row) for row in zip(*cells_by_column, strict=True)]
     return {"title": table.title, "columns": columns, "rows": rows}
 
 
 def plain(block: Block | Cell) -> str:
-    """The text of a block or cell without styles; a bar is its label, and glyphs are left out."""
+    """Text of a block or cell without styles; for a bar its label, for glyphs the empty text."""
     if isinstance(block, Branch):
         texts = [plain(block.label), *map(plain, block.branches)]
         return "\n".join(texts)
@@ -158,7 +160,14 @@ def plain(block: Block | Cell) -> str:
 
 def _text(pieces: Sequence[Piece]) -> str:
     """Text of pieces, each of which is a text or a pair (text, style)."""
-    return "".join(piece if isinstance(piece, str) else piece[0] for piece in pieces)
+    texts: list[str] = []
+    for piece in pieces:
+        if isinstance(piece, str):
+            texts.append(piece)
+        else:
+            text, _ = piece
+            texts.append(text)
+    return "".join(texts)
 
 
 def _lines(block: Block) -> list[str]:
@@ -185,7 +194,7 @@ def _cell(column: Column, value: Any) -> str | float | None:
 
 
 def _number(value: float | np.number[Any]) -> float | None:
-    """Python number for JSON; None for nan and infinity."""
+    """Number as JSON can hold it; None for nan and infinity."""
     if isinstance(value, int | np.integer):
         return int(value)
     if math.isfinite(value):

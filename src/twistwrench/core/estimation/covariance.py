@@ -21,12 +21,14 @@ _FALSE_ALARM_RATE = 1e-4
 """False-alarm rate at which the tails of a sum of two estimated variances are matched."""
 _MAX_LOGIT = 24.0
 """Largest logit of a probability in the integral over two variances."""
-_NODES = 25
+_NODE_COUNT = 25
 """Number of nodes of the integral, in each variance."""
 _MATCHING_STEPS = 4
-"""Fixed-point iterations of the match of tails."""
+"""Number of fixed-point iterations of the match of tails."""
 _MIN_FREEDOM = 2.1
 """Lower bound of an unknown's degrees of freedom; the mean of F is infinite at 2."""
+_MIN_DIVISOR = 1e-300
+"""Divisor in place of zero."""
 
 
 def weight_freedom(freedom: Array) -> Array:
@@ -47,28 +49,33 @@ def variance_estimate_covariance(Q: Array, freedom: Array, groups: Array) -> Arr
     freedom make weights vary more than to first order.
     """
     freedom = weight_freedom(freedom)
-    added = np.zeros((Q.shape[-1], Q.shape[-1]))
+    covariance = np.zeros((Q.shape[-1], Q.shape[-1]))
     for group in np.unique(groups):  # channels with one variance, and so one freedom
-        q = Q[:, groups == group].reshape(-1, Q.shape[-1])
+        in_group = groups == group
+        q = Q[:, in_group].reshape(-1, Q.shape[-1])
         N = q.T @ q
-        added += 4.0 / freedom[groups == group][0] * (N - N @ N)
-    return added
+        covariance += 4.0 / freedom[in_group][0] * (N - N @ N)
+    return covariance
 
 
 def channel_covariance(Q: Array, half: Array, freedom: Array, groups: Array) -> tuple[Array, Array]:
     """Covariance (k, k) half half' and Satterthwaite's degrees of freedom (k,), for independent rows.
 
     ν_k = (Σ_c s_kc)² / Σ_c s_kc² / ν_c, with s_kc the part of unknown k's variance due to channel c. Channels of a group have
-    one variance and count as one. Each row of ``half`` (k, p) gives an unknown as a sum of whitened unknowns.
+    one variance and count as one. ``half`` (k, p) maps whitened unknowns to unknowns: it is a square root of the covariance.
     """
     variance_by_channel = np.stack([((Q[:, c] @ half.T) ** 2).sum(axis=0) for c in range(6)], axis=1)
-    variance_by_group = np.stack(
-        [variance_by_channel[:, groups == group].sum(axis=1) for group in np.unique(groups)], axis=1
-    )
-    freedom_by_group = np.array([freedom[groups == group][0] for group in np.unique(groups)])
+    group_variances: list[Array] = []
+    group_freedom: list[float] = []
+    for group in np.unique(groups):
+        in_group = groups == group
+        group_variances.append(variance_by_channel[:, in_group].sum(axis=1))
+        group_freedom.append(freedom[in_group][0])
+    variance_by_group = np.stack(group_variances, axis=1)
     total = variance_by_group.sum(axis=1)
-    denominator = (variance_by_group**2 / freedom_by_group).sum(axis=1)
-    return half @ half.T, np.where(denominator > 0, total**2 / np.maximum(denominator, 1e-300), np.inf)
+    denominator = (variance_by_group**2 / np.array(group_freedom)).sum(axis=1)
+    satterthwaite = total**2 / np.maximum(denominator, _MIN_DIVISOR)
+    return half @ half.T, np.where(denominator > 0, satterthwaite, np.inf)
 
 
 def f_test_freedom(freedom: Array) -> float:
@@ -80,9 +87,9 @@ def f_test_freedom(freedom: Array) -> float:
     less exact.
     """
     excess = float((2.0 / (np.maximum(freedom, _MIN_FREEDOM) - 2.0)).sum())  # E - k
-    if excess:  # E = k + excess
-        return 2.0 * (len(freedom) + excess) / excess
-    return np.inf
+    if excess == 0.0:
+        return np.inf
+    return 2.0 * (len(freedom) + excess) / excess  # E = k + excess
 
 
 def sum_freedom(variances: Array, freedom: Array) -> Array:
@@ -97,23 +104,24 @@ def sum_freedom(variances: Array, freedom: Array) -> Array:
 
     total = variances.sum(axis=0)
     denominator = (variances**2 / np.maximum(freedom, 1.0)).sum(axis=0)
-    satterthwaite = total**2 / np.maximum(denominator, 1e-300)
+    satterthwaite = total**2 / np.maximum(denominator, _MIN_DIVISOR)
     both_estimated = (variances > 0).all(axis=0) & np.isfinite(freedom).all(axis=0)
     if not both_estimated.any():
         return satterthwaite
     # Integrals over the probabilities of both χ², with nodes at equal distances of the logit.
-    logit = np.linspace(-_MAX_LOGIT, _MAX_LOGIT, _NODES)
+    logit = np.linspace(-_MAX_LOGIT, _MAX_LOGIT, _NODE_COUNT)
     probability = special.expit(logit)
-    weight = probability * (1.0 - probability) * (logit[1] - logit[0])
-    s2 = variances[:, both_estimated, None]
-    nu_of_parts = np.maximum(freedom, 1.0)[:, both_estimated, None]
-    first, second = s2 * nu_of_parts / (2.0 * special.gammaincinv(0.5 * nu_of_parts, probability))  # ν s² / χ²
-    sum_of_parts = first[:, :, None] + second[:, None, :]  # (k, nodes, nodes)
-    relative_deviation = np.sqrt(sum_of_parts / total[both_estimated, None, None])
+    weights = probability * (1.0 - probability) * (logit[1] - logit[0])
+    estimates = variances[:, both_estimated, None]  # s_i²
+    parts_freedom = np.maximum(freedom, 1.0)[:, both_estimated, None]
+    chi_squares = 2.0 * special.gammaincinv(0.5 * parts_freedom, probability)
+    first_variance, second_variance = estimates * parts_freedom / chi_squares  # ν_i s_i² / χ²_i
+    sum_of_variances = first_variance[:, :, None] + second_variance[:, None, :]  # (k, nodes, nodes)
+    relative_deviation = np.sqrt(sum_of_variances / total[both_estimated, None, None])
     nu = satterthwaite[both_estimated]
     for _ in range(_MATCHING_STEPS):
         quantile = special.stdtrit(nu, 0.5 * _FALSE_ALARM_RATE)
-        tail = special.ndtr(quantile[:, None, None] / relative_deviation) @ weight @ weight
+        tail = special.ndtr(quantile[:, None, None] / relative_deviation) @ weights @ weights
         nu = np.minimum(special.stdtridf(tail, quantile), satterthwaite[both_estimated])
     satterthwaite[both_estimated] = nu
     return satterthwaite
@@ -132,7 +140,11 @@ def cluster_robust_covariance(Q: Array, residuals: Array, half: Array, labels: A
     Sources: Bell and McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage samples",
     Survey Methodology 28, 2002; Pustejovsky and Tipton, J. Business & Economic Statistics 36, 2018.
     """
-    M, s = cluster_moments(lambda rows: Q[rows].reshape(-1, Q.shape[-1]), residuals, labels)
+
+    def columns(rows: Array) -> Array:
+        return Q[rows].reshape(-1, Q.shape[-1])
+
+    M, s = cluster_moments(columns, residuals, labels)
     return sandwich_covariance(M, s, half)
 
 
@@ -140,23 +152,20 @@ def cluster_moments(columns: Callable[[Array], Array], residuals: Array, labels:
     """Q_g'Q_g (g, p, p) and Q_g'e_g (g, p) of each cluster; ``columns`` returns all columns of Q in the given rows."""
     numbers = cluster_numbers(labels)
     order = np.argsort(numbers, kind="stable")
-    first_of_clusters = np.searchsorted(numbers[order], np.arange(1, int(numbers.max()) + 1))
-    rows_of_clusters = np.split(order, first_of_clusters)
-    Q = columns(rows_of_clusters[0])
-    p = Q.shape[1]
-    M = np.zeros((len(rows_of_clusters), p, p))
-    s = np.zeros((len(rows_of_clusters), p))
-    for g, rows in enumerate(rows_of_clusters):
-        if g > 0:
-            Q = columns(rows)
-        M[g] = Q.T @ Q
-        s[g] = Q.T @ residuals[rows].reshape(-1)
-    return M, s
+    cluster_starts = np.searchsorted(numbers[order], np.arange(1, int(numbers.max()) + 1))  # without the first
+    rows_by_cluster = np.split(order, cluster_starts)
+    M: list[Array] = []
+    s: list[Array] = []
+    for rows in rows_by_cluster:
+        Q = columns(rows)
+        M.append(Q.T @ Q)
+        s.append(Q.T @ residuals[rows].reshape(-1))
+    return np.stack(M), np.stack(s)
 
 
 def cluster_numbers(labels: Array) -> Array:
-    """Cluster numbers (n,) 0, 1, … of rows, by their labels. If there are more than 1000, neighbours get one number."""
-    numbers = np.unique(labels, return_inverse=True)[1]
+    """Cluster numbers (n,) 0, 1, … of rows, by their labels. Of more than 1000 clusters, neighbours get one number."""
+    _, numbers = np.unique(labels, return_inverse=True)
     if numbers.max() >= _MAX_SINGLE_CLUSTERS:
         numbers = numbers * _MAX_SINGLE_CLUSTERS // (numbers.max() + 1)
     return np.asarray(numbers)
@@ -171,13 +180,13 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
     s = (B @ s[..., None])[..., 0]
     C = half @ (s.T @ s) @ half.T
     Bl = B @ half.T  # (G, p, k): B_g l for each unknown
-    a = M @ Bl
-    d = (Bl * a).sum(axis=1)  # (G, k): |M_g^(1/2) B_g l|²
-    size = (a * a).sum(axis=1)
-    cross = np.stack([a[:, :, k].T @ a[:, :, k] for k in range(len(half))])
+    MBl = M @ Bl
+    d = (Bl * MBl).sum(axis=1)  # (G, k): |M_g^(1/2) B_g l|²
+    size = (MBl * MBl).sum(axis=1)
+    cross = np.stack([MBl[:, :, k].T @ MBl[:, :, k] for k in range(len(half))])  # (k, p, p)
     trace = d.sum(axis=0) - size.sum(axis=0)  # tr Ω
-    square = (d**2).sum(axis=0) - 2 * (d * size).sum(axis=0) + (cross**2).sum(axis=(1, 2))
-    return C, trace**2 / np.maximum(square, 1e-300)  # square is tr Ω²
+    trace_of_square = (d**2).sum(axis=0) - 2 * (d * size).sum(axis=0) + (cross**2).sum(axis=(1, 2))  # tr Ω²
+    return C, trace**2 / np.maximum(trace_of_square, _MIN_DIVISOR)
 
 
 # Rows of a block of time are one cluster (Liang and Zeger, "Longitudinal data analysis using generalized linear
@@ -185,21 +194,29 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
 # textbook formula s² (W'W)^-1 treats every row as a cluster, and is several times too small.
 #
 # An incorrect law, of friction for instance, gives residuals that depend on the state and cancel within a block of time.
-# So rows in the same cell of state are also one cluster. The result takes the larger variances of both sandwiches C and
+# So rows in one cell of states are also one cluster. The result takes the larger variances of both sandwiches C and
 # D, with the correlations of C:
 #
 #     S C S,   S = diag max(1, √(D_kk / C_kk)).
 
-_MAX_BLOCKS, _MIN_BLOCKS = 120, 15
-"""Bounds of the number of blocks of all logs together."""
+_MAX_BLOCKS = 120
+"""Largest number of blocks of all logs together."""
+_MIN_BLOCKS = 15
+"""Smallest number of blocks of all logs together."""
+_MAX_HALVINGS = 8
+"""Number of trials with blocks of half the length."""
 _MIN_BLOCK_SECONDS = 1.0
 """Minimum duration of a block [s], if the logs are long enough."""
 _CORRELATION_LENGTHS_PER_BLOCK = 10.0
 _ROWS_PER_FACTORISATION = 1000
-_CELLS = 32
+_CELL_COUNT = 32
 """Number of cells of the state space."""
+_MAX_VELOCITIES = 2
+"""Number of joints whose direction of motion distinguishes cells."""
 _COMPARED_PARTS = 8
-"""Parts of each coordinate whose residuals are compared, to find the coordinates that affect them."""
+"""Number of parts of each coordinate whose residuals are compared, to find the coordinates that affect them."""
+_UNKNOWN_FREEDOM = 1e9
+"""Degrees of freedom that stand for infinitely many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,13 +242,14 @@ class StateCells:
         """
         effects = []
         for coordinate in (*q.T, *dq.T):
-            part = np.searchsorted(_edges(coordinate, _COMPARED_PARTS), coordinate)
-            rows_of_part = np.bincount(part, minlength=_COMPARED_PARTS)
-            sums = np.stack([np.bincount(part, column, _COMPARED_PARTS) for column in residuals.T])
-            effects.append(float((sums**2 / np.maximum(rows_of_part, 1)).sum()))
-        position = int(np.argmax(effects[: q.shape[1]]))
-        velocities = np.argsort(effects[q.shape[1] :], kind="stable")[-2:].tolist()
-        position_parts = _CELLS >> len(velocities)  # each velocity doubles the number of cells
+            part_numbers = np.searchsorted(_edges(coordinate, _COMPARED_PARTS), coordinate)  # of each row
+            row_counts = np.bincount(part_numbers, minlength=_COMPARED_PARTS)
+            sums = np.stack([np.bincount(part_numbers, column, _COMPARED_PARTS) for column in residuals.T])
+            effects.append(float((sums**2 / np.maximum(row_counts, 1)).sum()))
+        position_effects, velocity_effects = effects[: q.shape[1]], effects[q.shape[1] :]
+        position = int(np.argmax(position_effects))
+        velocities = np.argsort(velocity_effects, kind="stable")[-_MAX_VELOCITIES:].tolist()
+        position_parts = _CELL_COUNT >> len(velocities)  # each velocity doubles the number of cells
         return cls(position, _edges(q[:, position], position_parts), tuple(velocities))
 
     @property
@@ -310,9 +328,12 @@ class GroupCovariance:
         >>> GroupCovariance(np.eye(2), np.ones(2), np.ones(2), 1.0).of_first(1).matrix.shape
         (1, 1)
         """
-        first = slice(count)
+        selected = slice(count)
         return replace(
-            self, matrix=self.matrix[first, first], freedom=self.freedom[first], textbook=self.textbook[first]
+            self,
+            matrix=self.matrix[selected, selected],
+            freedom=self.freedom[selected],
+            textbook=self.textbook[selected],
         )
 
     def half_width(self, level: float = 0.95) -> Array:
@@ -331,14 +352,15 @@ class GroupCovariance:
         >>> GroupCovariance(np.eye(1), np.array([1e9]), np.ones(1), 1.0).half_width().round(2).tolist()
         [1.96]
         """
-        return np.asarray(student_quantile(np.maximum(self.freedom, 1.0), level) * self.deviations)
+        quantile = student_quantile(np.maximum(self.freedom, 1.0), level)
+        return np.asarray(quantile * self.deviations)
 
 
 def student_quantile(freedom: Array | float, level: float) -> Array:
     """Half-width of Student's interval, in standard deviations."""
     from scipy.special import stdtrit
 
-    return np.asarray(stdtrit(np.minimum(freedom, 1e9), 0.5 + 0.5 * level))
+    return np.asarray(stdtrit(np.minimum(freedom, _UNKNOWN_FREEDOM), 0.5 + 0.5 * level))
 
 
 def group_covariance(
@@ -355,28 +377,32 @@ def group_covariance(
 ) -> GroupCovariance:
     """Covariance of a fit: W (n, nv, r), τ (n, nv), at x (r,), with residual sizes (nv,) and weights (n, nv).
 
-    ``time`` and ``log`` (n,) belong to each row, ``states`` are its q and dq. ``chosen`` (n, nv, k) are the changes of
-    the predicted torques with each setting selected on the same rows, such as the clock offset; their uncertainty is
-    included.
+    ``time`` and ``log`` (n,) are the time and the log of each row, ``states`` its q and dq. ``chosen`` (n, nv, k) are the
+    changes of the predicted torques with each setting that was selected on these rows, such as the clock offset. The
+    uncertainty of settings is included.
     """
-    r = W.shape[2]
+    group_count = W.shape[2]
     residuals = tau - W @ x
-    root = np.sqrt(weights) / sigma  # factor that whitens a row
-    change = np.sqrt((chosen**2).mean(axis=(0, 1)))  # rms
-    settings = chosen[..., change > 0] / change[change > 0]
+    whitening = np.sqrt(weights) / sigma  # factor of each row
+    rms_changes = np.sqrt((chosen**2).mean(axis=(0, 1)))
+    has_effect = rms_changes > 0
+    settings = chosen[..., has_effect] / rms_changes[has_effect]
     # Settings are unknowns as well; their prior is so wide that it has no effect.
-    sizes = np.concatenate([prior.size, np.full(settings.shape[2], sigma.max() * 1e3)])
+    setting_sizes = np.full(settings.shape[2], sigma.max() * 1e3)
+    sizes = np.concatenate([prior.size, setting_sizes])
 
     def whitened_columns(rows: Array | slice) -> Array:
         """All columns (m nv, r + k) of the given rows."""
         A = np.concatenate([W[rows], settings[rows]], axis=2)
-        A *= root[rows][..., None]
+        A *= whitening[rows][..., None]
         return A.reshape(-1, len(sizes))
 
-    cells = StateCells.from_residuals(*states, residuals * root)
-    covariance = _covariance(whitened_columns, residuals * root, sizes, time, log, cells.numbers(*states))
-    matrix = covariance.matrix[:r, :r] * _huber_factor(residuals, weights) ** 2
-    return GroupCovariance(matrix, covariance.freedom[:r], covariance.textbook[:r], covariance.block)
+    q, dq = states
+    whitened_residuals = residuals * whitening
+    cells = StateCells.from_residuals(q, dq, whitened_residuals)
+    covariance = _covariance(whitened_columns, whitened_residuals, sizes, time, log, cells.numbers(q, dq))
+    groups = covariance.of_first(group_count)  # without the settings
+    return replace(groups, matrix=groups.matrix * _huber_factor(residuals, weights) ** 2)
 
 
 def _huber_factor(residuals: Array, weights: Array) -> float:
@@ -398,7 +424,7 @@ def larger_covariance(first: tuple[Array, Array], second: tuple[Array, Array] | 
         return first
     C, freedom = first
     D, other_freedom = second
-    ratio = D.diagonal() / np.maximum(C.diagonal(), 1e-300)
+    ratio = D.diagonal() / np.maximum(C.diagonal(), _MIN_DIVISOR)
     factor = np.sqrt(np.maximum(ratio, 1.0))
     return C * factor[:, None] * factor, np.where(ratio > 1.0, other_freedom, freedom)
 
@@ -409,7 +435,7 @@ def _covariance(
     """Larger covariance of the sandwiches by blocks of time and by cells of state.
 
     ``columns`` returns the whitened columns in some rows, ``residuals`` (n, nv) are whitened, ``sizes`` are the deviations of
-    the unknowns' zero-mean priors, and ``cell`` (n,) is the cell of each row.
+    the unknowns' priors with zero mean, and ``cell`` (n,) is the number of each row's cell.
     """
     n, nv = residuals.shape
     R: Array = np.eye(len(sizes))  # R'R = 1 + A'A for columns in units of their sizes
@@ -419,57 +445,64 @@ def _covariance(
     half = sizes[:, None] * np.linalg.inv(R)
     time_step = 1.0
     if n > 1:
-        time_step = float(np.median(np.diff(time)[np.diff(log) == 0]))  # within logs
+        is_within_log = np.diff(log) == 0
+        time_step = float(np.median(np.diff(time)[is_within_log]))
     square_sum = float((residuals**2).sum())
     freedom = max(1, n * nv - len(sizes))
-    textbook = np.sqrt(np.maximum((half @ half.T).diagonal() * square_sum / freedom, 0.0))
+    textbook_variances = (half @ half.T).diagonal() * square_sum / freedom
+    textbook = np.sqrt(np.maximum(textbook_variances, 0.0))
     correlation_length = autocorrelation_length(residuals)
     block_rows = max(_CORRELATION_LENGTHS_PER_BLOCK * correlation_length, _MIN_BLOCK_SECONDS / time_step)
     block_rows = float(np.clip(block_rows, n / _MAX_BLOCKS, n / _MIN_BLOCKS))
 
     def sandwich(clusters: Array) -> tuple[Array, Array] | None:
+        """Covariance and degrees of freedom by clusters; None if one cluster alone determines an unknown."""
         M, s = cluster_moments(lambda rows: columns(rows) @ half, residuals, clusters)
         return sandwich_covariance(M, s, half)
 
     # If one block alone determines an unknown, shorter blocks are tried.
-    for _ in range(8):
+    for _ in range(_MAX_HALVINGS):
         blocks = np.arange(n) // max(1, math.ceil(block_rows))
         blocks += (blocks.max() + 1) * log  # no block has rows of two logs
-        by_blocks, by_cells = sandwich(blocks), sandwich(cell)
+        by_blocks = sandwich(blocks)
+        by_cells = sandwich(cell)
         if by_blocks is not None:
             matrix, freedom_of_unknowns = larger_covariance(by_blocks, by_cells)
             return GroupCovariance(matrix, freedom_of_unknowns, textbook, block_rows * time_step)
         block_rows /= 2.0
         if block_rows < 1.0:
             break
-    inflated = half @ half.T * correlation_length
-    return GroupCovariance(inflated, np.full(len(sizes), 1e9), textbook, 0.0)
+    inflated_matrix = half @ half.T * correlation_length
+    return GroupCovariance(inflated_matrix, np.full(len(sizes), _UNKNOWN_FREEDOM), textbook, 0.0)
 
 
 _MIN_CHANCE = 1e-3
 """Probability of a false alarm for white residuals, over all channels."""
 _LJUNG_BOX_LAGS = 20
+"""Number of lags of the Ljung-Box test."""
 _MIN_ROWS_OF_LJUNG_BOX = 100
+_MAX_LAG = 400
+"""Largest lag [rows] of an autocorrelation time."""
 
 
 def autocorrelation(e: Array, lags: int) -> Array:
-    """Autocorrelation of a series (n,) about zero at lags 0 to ``lags``."""
-    spectrum = np.fft.rfft(e, 2 * len(e))
-    return np.asarray(np.fft.irfft(spectrum * spectrum.conj())[: lags + 1] / max(float(e @ e), 1e-300))
+    """Autocorrelation of a series (n,), whose mean is not subtracted, at lags 0 to ``lags``."""
+    spectrum = np.fft.rfft(e, 2 * len(e))  # with zeros at the end, as the transform is periodic
+    autocovariance = np.fft.irfft(spectrum * spectrum.conj())[: lags + 1]
+    return np.asarray(autocovariance / max(float(e @ e), _MIN_DIVISOR))
 
 
 def autocorrelation_length(residuals: Array) -> float:
-    """Integrated autocorrelation time of residuals (n, nv) in rows, 1 + 2 Σ ρ above the noise; largest of joints."""
+    """Integrated autocorrelation time of residuals (n, nv) in rows, 1 + 2 Σ ρ above the noise; the largest of all joints."""
     n = len(residuals)
     longest = 1.0
-    lags = min(n // 4, 400)
+    lags = min(n // 4, _MAX_LAG)
     for column in residuals.T:
         rho = autocorrelation(column - column.mean(), lags)
         noise_lags = np.flatnonzero(rho < 2.0 / math.sqrt(n))  # two standard deviations of white noise
-        stop = lags
-        if noise_lags.size:
-            stop = int(noise_lags[0])
-        longest = max(longest, 1.0 + 2.0 * float(rho[1:stop].sum()))
+        first_noise_lag = int(noise_lags[0]) if noise_lags.size else lags
+        length = 1.0 + 2.0 * float(rho[1:first_noise_lag].sum())
+        longest = max(longest, length)
     return longest
 
 
@@ -477,11 +510,11 @@ def autocorrelation_length(residuals: Array) -> float:
 class Whiteness:
     """Whiteness of residuals: test result of the least white channel."""
 
-    axis: str
+    axis: str  # name of the channel
     lag1: float  # autocorrelation of neighbouring rows
     chance: float  # p-value over all channels
     length: int  # correlation length of the residuals in rows; 1 if they are white
-    test: str
+    test: str  # name of the test with this p-value
 
     @property
     def white(self) -> bool:
@@ -502,7 +535,7 @@ class Whiteness:
         n = len(e)
         channels: list[Whiteness] = []
         for axis, q, r in zip(names, np.moveaxis(Q, 1, 0), e.T, strict=True):
-            squares = max(float(r @ r), 1e-300)
+            squares = max(float(r @ r), _MIN_DIVISOR)
             variance = squares / max(n - float((q * q).sum()), 1.0)
             Dq = _mean_of_neighbours(q)
             statistic = float(r @ _mean_of_neighbours(r))
@@ -510,15 +543,16 @@ class Whiteness:
             # tr D² = (n - 1) / 2
             statistic_variance = 2.0 * (0.5 * (n - 1) - 2.0 * float((Dq * Dq).sum()) + float(((q.T @ Dq) ** 2).sum()))
             z = (statistic / variance - mean) / np.sqrt(max(statistic_variance, 1e-12))
-            tests = [(float(special.ndtr(-z)), "lag-1 autocorrelation")]
+            tests = [(float(special.ndtr(-z)), "lag-1 autocorrelation")]  # p-value and name
             if n >= _MIN_ROWS_OF_LJUNG_BOX:
                 rho = autocorrelation(r, _LJUNG_BOX_LAGS)[1:]
                 lags = np.arange(1, _LJUNG_BOX_LAGS + 1)
                 ljung_box = n * (n + 2) * float((rho**2 / (n - lags)).sum())
-                tests.append((float(special.chdtrc(_LJUNG_BOX_LAGS, ljung_box)), "Ljung-Box of 20 lags"))
-            chance, test = min(tests)
-            chance = min(len(names) * len(tests) * chance, 1.0)  # Bonferroni, for all channels and tests
-            channels.append(cls(axis, statistic / squares, chance, 1, test))
+                p_value = float(special.chdtrc(_LJUNG_BOX_LAGS, ljung_box))
+                tests.append((p_value, "Ljung-Box of 20 lags"))
+            least_p_value, test = min(tests)
+            chance = min(len(names) * len(tests) * least_p_value, 1.0)  # Bonferroni, for all channels and tests
+            channels.append(cls(axis, lag1=statistic / squares, chance=chance, length=1, test=test))
         least_white = min(channels, key=lambda channel: channel.chance)
         if least_white.white:
             return least_white
@@ -537,8 +571,9 @@ def _correlated_rows(e: Array) -> int:
     """Twice the lag at which the largest autocorrelation first falls into the noise, at most a tenth of the rows."""
     n = len(e)
     max_lag = max(2, n // 10)
-    largest = np.max([autocorrelation(column, min(max_lag, n - 2))[1:] for column in e.T], axis=0)
-    noise_lags = np.flatnonzero(largest < 2.0 / np.sqrt(n))
-    if noise_lags.size:
-        return int(min(2 * (int(noise_lags[0]) + 1), max_lag))
-    return max_lag
+    largest_rho = np.max([autocorrelation(column, min(max_lag, n - 2))[1:] for column in e.T], axis=0)
+    noise_indices = np.flatnonzero(largest_rho < 2.0 / np.sqrt(n))  # two standard deviations of white noise
+    if not noise_indices.size:
+        return max_lag
+    first_noise_lag = int(noise_indices[0]) + 1  # the first entry is of lag 1
+    return int(min(2 * first_noise_lag, max_lag))

@@ -19,18 +19,18 @@ _MAX_DEVIATION_FROM_HALF = 0.25
 """Largest deviation of the neighbours' e from -d/2, as a share of d: the path continues beside the glitch."""
 _MIN_SIZE = 1e-6
 """Size [rad, m] below which a glitch is rounding."""
-_MAX_COUNT = 1e-2
+_MAX_ENCODER_COUNT = 1e-2
 """Size [rad, m] above which a glitch is not a flickering encoder count."""
-_MIN_COUNTS = 3.0
-"""Minimum size, in smallest steps of the log, above which a glitch is not a flickering encoder count."""
+_MAX_FLICKER_STEPS = 3.0
+"""Size, in smallest steps of the log, above which a glitch is not a flickering encoder count."""
 _MAX_CANDIDATES = 50
 """Largest number of candidates of a joint; with more, the whole log is rough."""
 OVERLAP = 6
-"""Rows shared by consecutive portions, so that each row is tested once, with two e on either side."""
+"""Number of rows shared by consecutive portions: each row is tested once, with two e on either side."""
 _MAX_REMAINDER = 0.25
 """Largest remainder of d after subtracting a delay, relative to the row's largest d, for a wrong stamp."""
 _MIN_MOVING_SPEED = 0.05
-"""Smallest speed of a moving joint, relative to the fastest. With one moving joint, any d is in proportion to the speeds."""
+"""Smallest speed of a moving joint, relative to the fastest joint."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class Glitch:
     size: float
     """|d| [rad, m]."""
     time: float
+    """Stamp of the row [s]."""
     late: float
     """Delay of the stamp [s], if every joint leaves its path in proportion to its speed; else 0."""
 
@@ -48,14 +49,14 @@ class SingleRowGlitches:
     """Running search for wrong rows, over portions that overlap by :data:`OVERLAP` rows."""
 
     def __init__(self, count: int, turns: Array) -> None:
-        """Create for ``count`` joints; joints in the mask ``turns`` (k,) may step by a full turn."""
+        """Create for ``count`` joints; where ``turns`` (k,) is True, a joint may step by a full turn."""
         self.turns = turns
         self._usual_time_step = 0.0
         """Median of the first portion [s]."""
         self._largest_e = np.zeros(count)
         """Largest |e| of each joint outside candidates [rad, m]."""
         self._smallest_step = np.full(count, np.inf)
-        """Smallest change of each joint's position between rows, without zeros [rad, m]."""
+        """Smallest change above zero of each joint's position between rows [rad, m]."""
         self._candidates: list[list[Glitch]] = [[] for _ in range(count)]
         """Candidates of each joint."""
 
@@ -66,7 +67,8 @@ class SingleRowGlitches:
         curves = q.copy()
         curves[:, self.turns] = np.unwrap(q[:, self.turns], axis=0)
         steps = np.abs(np.diff(curves, axis=0))
-        self._smallest_step = np.minimum(self._smallest_step, np.where(steps > 0, steps, np.inf).min(axis=0))
+        steps_above_zero = np.where(steps > 0, steps, np.inf)
+        self._smallest_step = np.minimum(self._smallest_step, steps_above_zero.min(axis=0))
         time_steps = np.diff(t)
         if self._usual_time_step == 0.0:
             self._usual_time_step = float(np.median(time_steps))
@@ -80,29 +82,33 @@ class SingleRowGlitches:
         is_candidate = (np.abs(d) > _MIN_SIZE) & (deviation_from_half < _MAX_DEVIATION_FROM_HALF * np.abs(d))
         # Arrays from here on begin at row 3, whose two e on either side are known.
         near_candidate = is_candidate[:-2] | is_candidate[1:-1] | is_candidate[2:]
-        self._largest_e = np.maximum(self._largest_e, np.where(near_candidate, 0.0, np.abs(e[2:-2])).max(axis=0))
+        e_elsewhere = np.where(near_candidate, 0.0, np.abs(e[2:-2]))
+        self._largest_e = np.maximum(self._largest_e, e_elsewhere.max(axis=0))
         for k in np.flatnonzero(is_candidate[1:-1].any(axis=0)).tolist():
             candidates = np.flatnonzero(is_candidate[1:-1, k])
-            by_size = np.argsort(-np.abs(e[candidates + 2, k]), kind="stable")
-            for i in candidates[by_size[:_MAX_CANDIDATES]].tolist():
+            largest_first = np.argsort(-np.abs(e[candidates + 2, k]), kind="stable")
+            for i in candidates[largest_first[:_MAX_CANDIDATES]].tolist():
                 row = i + 3
+                d_of_row = e[row - 1]  # of all joints
                 speeds = (curves[row + 1] - curves[row - 1]) / (t[row + 1] - t[row - 1])
-                delay = _stamp_delay(e[row - 1], speeds)
-                self._candidates[k].append(Glitch(abs(float(e[row - 1, k])), float(t[row]), delay))
-            self._candidates[k] = sorted(self._candidates[k], key=lambda glitch: -glitch.size)[:_MAX_CANDIDATES]
+                glitch = Glitch(abs(float(d_of_row[k])), float(t[row]), _stamp_delay(d_of_row, speeds))
+                self._candidates[k].append(glitch)
+            self._candidates[k].sort(key=lambda glitch: -glitch.size)
+            del self._candidates[k][_MAX_CANDIDATES:]
 
     def result(self) -> list[tuple[int, list[Glitch]]]:
-        """Index and wrong rows (largest first) of each joint that has some."""
+        """Pairs of a joint's index and its wrong rows, the largest first, for each joint that has some."""
         glitches = []
         for k, candidates in enumerate(self._candidates):
-            min_size_by_counts = min(_MIN_COUNTS * float(self._smallest_step[k]), _MAX_COUNT)
-            min_size = max(_MIN_RATIO_TO_LOG * float(self._largest_e[k]), min_size_by_counts)
+            max_flicker = min(_MAX_FLICKER_STEPS * float(self._smallest_step[k]), _MAX_ENCODER_COUNT)
+            min_size = max(_MIN_RATIO_TO_LOG * float(self._largest_e[k]), max_flicker)
             joint_glitches = [glitch for glitch in candidates if glitch.size > min_size]
             if joint_glitches and len(joint_glitches) < _MAX_CANDIDATES:
                 glitches.append((k, joint_glitches))
         return glitches
 
     def _all_glitches(self) -> list[Glitch]:
+        """Wrong rows of all joints; a row may occur several times."""
         return [glitch for _, joint_glitches in self.result() for glitch in joint_glitches]
 
     def times(self) -> Array:
@@ -117,12 +123,12 @@ class SingleRowGlitches:
 def _stamp_delay(d: Array, speeds: Array) -> float:
     """Delay of a row's stamp [s] if the joints leave their paths by d (k,) in proportion to their speeds (k,); else 0.
 
-    The least-squares solution of d = -delay * speeds.
+    It is the least-squares solution of d = -delay * speeds.
     """
     is_moving = np.abs(speeds) > _MIN_MOVING_SPEED * np.abs(speeds).max(initial=0.0)
-    if is_moving.sum() < 2:
+    if is_moving.sum() < 2:  # any d of a single joint is in proportion to its speed
         return 0.0
-    advance = float(d @ speeds) / float(speeds @ speeds)
+    advance = float(d @ speeds) / float(speeds @ speeds)  # -delay
     if np.abs(d - advance * speeds).max() < _MAX_REMAINDER * np.abs(d).max():
         return -advance
     return 0.0

@@ -36,13 +36,13 @@ class FirstCall:
     Attributes
     ----------
     words : tuple of str, names that lead to this row
-    of : str, library, ``guess`` or an earlier version
+    of : str, origin of the names: a library, an earlier version or ``guess``
     where : tuple of str, places of the names: ``robot``, ``module``, ``motion``, ``inertia``, ``command``, ``option``, ``page``
     use : str, call, command or option to write instead; code between backticks if there is text beside it
     differs : str, difference of arguments, order, sign or result
-    shown : str, cell of the documentation, if it is not the words
+    shown : str, text of the names in the documentation; empty: the words
     quantity : str, quantity of :meth:`twistwrench.Robot.kernel` that the call evaluates
-    only : tuple of str, commands of an option; () for all that have ``use``
+    only : tuple of str, commands whose option is meant; () for all that have ``use``
     """
 
     words: tuple[str, ...]
@@ -78,34 +78,37 @@ def first_calls() -> tuple[FirstCall, ...]:
     import tomllib
 
     text = Path(__file__).with_name("first_calls.toml").read_text(encoding="utf-8")
-    return tuple(_first_call(of, row) for of, rows in tomllib.loads(text).items() for row in rows)
+    calls: list[FirstCall] = []
+    for origin, entries in tomllib.loads(text).items():
+        calls += [_first_call(origin, entry) for entry in entries]
+    return tuple(calls)
 
 
-def _first_call(of: str, row: Mapping[str, str]) -> FirstCall:
+def _first_call(origin: str, entry: Mapping[str, str]) -> FirstCall:
     """Row of the table from its entry in the file."""
-    call = _ROBOT_CALL.fullmatch(row["use"])
+    call = _ROBOT_CALL.fullmatch(entry["use"])
     called_quantity = (call[1] or call[2]) if call else ""
     return FirstCall(
-        words=tuple(row.get("word", "").split()),
-        of=of,
-        where=tuple(row.get("where", _DEFAULT_PLACES).split()),
-        use=row["use"],
-        differs=row.get("differs", ""),
-        shown=row.get("shown", ""),
-        quantity=row.get("quantity", called_quantity),
-        only=tuple(row.get("only", "").split()),
+        words=tuple(entry.get("word", "").split()),
+        of=origin,
+        where=tuple(entry.get("where", _DEFAULT_PLACES).split()),
+        use=entry["use"],
+        differs=entry.get("differs", ""),
+        shown=entry.get("shown", ""),
+        quantity=entry.get("quantity", called_quantity),
+        only=tuple(entry.get("only", "").split()),
     )
 
 
 @cache
 def _rows_by_key() -> Mapping[tuple[str, str], tuple[FirstCall, ...]]:
-    """Rows by place and name, and by the name in small letters if no row has that name."""
+    """Rows by (place, name), and by the name in small letters if no row has that name."""
     rows_by_key: dict[tuple[str, str], tuple[FirstCall, ...]] = {}
     for row in first_calls():
         for key in product(row.where, row.words):
             rows_by_key[key] = (*rows_by_key.get(key, ()), row)
-    rows_in_small_letters = {(place, word.casefold()): rows for (place, word), rows in rows_by_key.items()}
-    return rows_in_small_letters | rows_by_key  # names as written take precedence
+    rows_by_small_key = {(place, word.casefold()): rows for (place, word), rows in rows_by_key.items()}
+    return rows_by_small_key | rows_by_key  # names as written take precedence
 
 
 def rows_of(word: str, place: str) -> tuple[FirstCall, ...]:
@@ -144,12 +147,14 @@ def missing_attribute(subject: str, name: str, place: str, known: Iterable[str])
     'Robot' object has no attribute 'crba' (Pinocchio): use robot.mass_matrix(q); symmetric and full
     """
     text = f"{subject} has no attribute {name!r}"
-    rows, similar = rows_of(name, place), similar_names(name, known)
+    rows = rows_of(name, place)
     if rows:
         origin = "" if rows[0].of == GUESS else f" ({rows[0].of})"
         text += f"{origin}: use {rows[0].advice}"
-    elif similar:
-        text += f". Did you mean {similar}?"
+    else:
+        similar = similar_names(name, known)
+        if similar:
+            text += f". Did you mean {similar}?"
     return AttributeError(text, name=None)  # without a name, Python does not append a guess of its own
 
 

@@ -43,6 +43,13 @@ MIN_NEGATIVE_PART = 0.2
 """Size of a negative torque, as a share of its rms, from which it is clearly below zero."""
 _MIN_ROWS_OF_SIGN = 0.1
 """Minimum share of rows with a torque clearly below zero, and of the other rows, for a torque of both signs."""
+_MIN_DIVISOR = 1e-300
+"""Divisor in place of zero."""
+_PARAMETERS_PER_BODY = 10
+_VALUE_STEP = 1e-3
+"""Step of finite differences of most causes, in the unit of their value."""
+_MAX_LOG_FACTOR = 8.0
+"""Largest logarithm of a factor that is tried."""
 
 
 def _with_column(values: Array, k: int, change: Callable[[Array], Array]) -> Array:
@@ -67,7 +74,7 @@ def positions_times(s: LogStates, k: int, factor: float) -> LogStates:
 
 
 def add_position(s: LogStates, k: int, j: int, sign: float) -> LogStates:
-    """Add the position of joint j, times a sign, to that of joint k: encoders of coupled drives count both."""
+    """Add the position of joint j, times a sign, to the position of joint k: encoders of coupled drives count both."""
     q, dq, ddq = s.q.copy(), s.dq.copy(), s.ddq.copy()
     for values in (q, dq, ddq):
         values[:, k] += sign * values[:, j]
@@ -76,19 +83,20 @@ def add_position(s: LogStates, k: int, j: int, sign: float) -> LogStates:
 
 def torque_without_sign(s: LogStates, k: int, x: Array) -> Cause | None:
     """Cause: torque of joint k logged without its sign. Groups x (r,) predict the sign; None if it does not change."""
-    predicted = s.torques(x)[0][:, k]
+    torques, _ = s.torques(x)
+    predicted = torques[:, k]
     rms = np.sqrt((predicted**2).mean())
     negative_share = float((predicted < -MIN_NEGATIVE_PART * rms).mean())
     if not _MIN_ROWS_OF_SIGN < negative_share < 1.0 - _MIN_ROWS_OF_SIGN:
         return None
-    return Cause("unsigned", (k,), partial(_with_signs, k=k, sign=np.sign(predicted)))
+    return Cause("unsigned", (k,), partial(_with_signs, k=k, signs=np.sign(predicted)))
 
 
-def _with_signs(s: LogStates, k: int, sign: Array) -> LogStates:
-    """Multiply the torque of joint k by a sign (n,) for each row of the log."""
+def _with_signs(s: LogStates, k: int, signs: Array) -> LogStates:
+    """Multiply the torque of joint k by a sign for each row of the log, (n,)."""
     if not s.pieces:  # random states without a log, to which these rows do not belong
         return s
-    return s.with_fields(tau=_with_column(s.tau, k, lambda x: sign * x))
+    return s.with_fields(tau=_with_column(s.tau, k, lambda x: signs * x))
 
 
 def zero(s: LogStates, k: int, beta: float) -> LogStates:
@@ -115,24 +123,30 @@ def exchanged_joints(s: LogStates, j: int, k: int, order: Array) -> LogStates:
 
 def tilt(s: LogStates, beta: Array) -> LogStates:
     """Turn the base about a horizontal axis, by a vector β (2,) along it, so that gravity is exp([β]) g in its frame."""
-    level = np.linalg.svd(s.gravity[None])[2][1:]  # two axes perpendicular to gravity
-    return s.with_fields(gravity=so3.exp(level.T @ beta) @ s.gravity)
+    horizontal_axes = _horizontal_axes(s.gravity)
+    return s.with_fields(gravity=so3.exp(horizontal_axes.T @ beta) @ s.gravity)
+
+
+def _horizontal_axes(gravity: Array) -> Array:
+    """Two axes perpendicular to gravity, (2, 3)."""
+    _, _, axes = np.linalg.svd(gravity[None])
+    return np.asarray(axes[1:])
 
 
 def time_scale(s: LogStates, factor: float) -> LogStates:
     """Scale the rates for a log whose times are ``factor`` times the true ones.
 
-    The speed at which dry friction changes sign is scaled too. Otherwise, slow motions could prefer another time scale only
-    because it changes the friction.
+    The speed at which dry friction changes sign is scaled, too. Otherwise, another time scale could fit slow motions better
+    only because it changes the friction.
     """
     return s.with_fields(dq=s.dq * factor, ddq=s.ddq * factor**2, friction_speed=s.friction_speed * factor)
 
 
-def behind(s: LogStates, beta: Array, turn: Array, rate: Array, acceleration: Array) -> LogStates:
-    """Shift joint positions back by β times ``turn`` (n, nv), with its rates: links lag behind their motors."""
+def behind(s: LogStates, beta: Array, lag: Array, rate: Array, acceleration: Array) -> LogStates:
+    """Subtract β times ``lag`` (n, nv) from joint positions, and its derivatives from their rates: links lag behind motors."""
     if not s.pieces:  # random states without a log, to which these rows do not belong
         return s
-    return s.with_fields(q=s.q - beta * turn, dq=s.dq - beta * rate, ddq=s.ddq - beta * acceleration)
+    return s.with_fields(q=s.q - beta * lag, dq=s.dq - beta * rate, ddq=s.ddq - beta * acceleration)
 
 
 def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> Iterator[Cause]:
@@ -142,20 +156,20 @@ def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> It
     """
     if largest is None:
         largest = np.abs(torque).max(axis=0)
-    share = torque / np.maximum(largest, 1e-300)
+    share = torque / np.maximum(largest, _MIN_DIVISOR)
     rate = s.slope(share)
     acceleration = s.slope(rate)
     joint_count = torque.shape[1]
     for joints in _joint_sets(joint_count):
         is_deflected = np.isin(np.arange(joint_count), joints)
         correct = partial(
-            behind, turn=share * is_deflected, rate=rate * is_deflected, acceleration=acceleration * is_deflected
+            behind, lag=share * is_deflected, rate=rate * is_deflected, acceleration=acceleration * is_deflected
         )
         yield Cause("elasticity", joints, lambda s, beta, correct=correct: correct(s, beta), 1e-4)
 
 
 def _joint_sets(count: int) -> list[tuple[int, ...]]:
-    """Each joint by itself; of several joints also all of them."""
+    """Sets of joints to try: each joint by itself, and all of several joints."""
     sets: list[tuple[int, ...]] = [(k,) for k in range(count)]
     if count > 1:
         sets.append(tuple(range(count)))
@@ -165,12 +179,13 @@ def _joint_sets(count: int) -> list[tuple[int, ...]]:
 _INITIAL_HALF_PLAY = 4e-3
 """Half of a play from which its fit starts [rad, m]."""
 _MIN_HALF_PLAY = 0.1 * _INITIAL_HALF_PLAY
+"""Smallest half of a play that is tried [rad, m]."""
 _MIN_PULSE_SHARE = 0.05
 """Share of the squared accelerations that pulses of a play explain, from which they give its initial value."""
 
 
 def side_in_play(positions: Array, half_play: float) -> Array:
-    """(n,) lead of the motor at ``positions`` (n,) before its link, over half of the gear's play β: -1 to 1.
+    """Lead (n,) of the motor at ``positions`` (n,) over its link, as a share of half the gear's play β: -1 to 1.
 
     The link rests until the motor has crossed the play: q_link ← min(max(q_link, q - β), q + β).
     """
@@ -183,7 +198,7 @@ def side_in_play(positions: Array, half_play: float) -> Array:
 
 
 def plays(s: LogStates) -> Iterator[Cause]:
-    """Play of the gear of each joint; β is half of the play, by which the link lags behind its motor.
+    """Play of the gear of each joint; β is half of the play: the link lags behind its motor by β.
 
     Where the motor crosses the play, accelerations have pulses. If these explain a notable part of the accelerations, their
     coefficient in a regression is the initial value of β.
@@ -192,12 +207,14 @@ def plays(s: LogStates) -> Iterator[Cause]:
         return
     for k in range(s.dq.shape[1]):
         _, _, play_acceleration = _place_in_play(s, k, _INITIAL_HALF_PLAY)
-        pulses, ddq = play_acceleration[:, k], s.ddq[:, k]
-        pulse_square, product = float(pulses @ pulses), float(pulses @ ddq)
-        start = _INITIAL_HALF_PLAY
+        pulses = play_acceleration[:, k]
+        ddq = s.ddq[:, k]
+        pulse_square = float(pulses @ pulses)
+        product = float(pulses @ ddq)
+        initial_half_play = _INITIAL_HALF_PLAY
         if product > 0.0 and product**2 > _MIN_PULSE_SHARE * pulse_square * float(ddq @ ddq):
-            start = product / pulse_square
-        yield Cause("backlash", (k,), partial(_remove_play, k=k), _MIN_HALF_PLAY, starts=(start,))
+            initial_half_play = product / pulse_square
+        yield Cause("backlash", (k,), partial(_remove_play, k=k), _MIN_HALF_PLAY, starts=(initial_half_play,))
 
 
 def _remove_play(s: LogStates, beta: Array, k: int) -> LogStates:
@@ -205,12 +222,12 @@ def _remove_play(s: LogStates, beta: Array, k: int) -> LogStates:
     if not s.pieces:  # random states without a log have no course in time
         return s
     half_play = max(abs(float(beta[0])), _MIN_HALF_PLAY)
-    turn, rate, acceleration = _place_in_play(s, k, half_play)
-    return behind(s, beta, turn, rate, acceleration)
+    place, rate, acceleration = _place_in_play(s, k, half_play)
+    return behind(s, beta, place, rate, acceleration)
 
 
 def _place_in_play(s: LogStates, k: int, half_play: float) -> tuple[Array, Array, Array]:
-    """(n, nv) low-passed place of link k in a play, with its rates; see :func:`side_in_play`."""
+    """Low-passed place (n, nv) of link k in a play, as :func:`side_in_play`, with its first and second derivatives."""
     assert s.unfiltered is not None, "states of a log have positions"
     sides = [side_in_play(s.unfiltered[piece, k], half_play) for piece in s.pieces]
     return _with_rates(s, s.low_passed(np.concatenate(sides)), k)
@@ -230,9 +247,10 @@ def jumps(s: LogStates) -> Iterator[Cause]:
         # 0 before the jump, 1 after it, and linear within one period around it
         share_in_piece = np.clip((s.time - begin) * s.rate + 0.5, 0.0, 1.0)
         jumped_share = share_in_piece * (s.piece == piece) + (s.piece > piece)
-        turn, rate, acceleration = _with_rates(s, s.low_passed(jumped_share), k)
-        correct = partial(behind, turn=turn, rate=rate, acceleration=acceleration)
-        yield Cause("zero-change", (k,), lambda s, beta, correct=correct: correct(s, beta), 1e-3, since=(piece, begin))
+        step, rate, acceleration = _with_rates(s, s.low_passed(jumped_share), k)
+        correct = partial(behind, lag=step, rate=rate, acceleration=acceleration)
+        since = (piece, begin)
+        yield Cause("zero-change", (k,), lambda s, beta, correct=correct: correct(s, beta), _VALUE_STEP, since=since)
 
 
 # ── Causes by name
@@ -240,16 +258,19 @@ def jumps(s: LogStates) -> Iterator[Cause]:
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """Correction of states to test; ``correct`` applies it with a value β, and the search begins at ``starts``."""
+    """Correction of states to test."""
 
     kind: str
     joints: tuple[int, ...]
+    """Indices of the joints."""
     correct: Callable[..., LogStates]
+    """Function of states and of a value β that returns corrected states."""
     step: float = 0.0
     """Step of β in finite differences; 0 for a cause without a value."""
     size: int = 1
     """Number of components of β."""
     starts: tuple[float, ...] = (0.0,)
+    """Values of β at which the search begins."""
     number: float | None = None
     """Value of a discrete cause, in the unit of the table of doubts."""
     cost: float = 0.0
@@ -268,21 +289,25 @@ class FittedTorques(NamedTuple):
     @classmethod
     def from_groups(cls, s: LogStates, x: Array) -> FittedTorques:
         """Torques of the states ``s`` with groups ``x`` (r,)."""
-        unknown, kept = s.base.unknown, s.base.kept
+        unknown = s.base.unknown
+        parameters = s.base.kept  # index of each group's parameter
         coulomb = np.zeros(len(s.gain))
-        for c, joints in unknown.coulomb_columns(kept):  # these columns include static friction
-            if unknown.kinds[int(kept[c])] == "coulomb":
-                coulomb[joints] += abs(float(x[c]))
-        return cls(*s.torques(x), coulomb)
+        for group, joints in unknown.coulomb_columns(parameters):  # these columns include static friction
+            if unknown.kinds[int(parameters[group])] == "coulomb":
+                coulomb[joints] += abs(float(x[group]))
+        whole, rigid = s.torques(x)
+        return cls(whole, rigid, coulomb)
 
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """Joint law: a torque as a function of the states and their fitted torques, optionally from some row on."""
+    """Joint law: a torque as a function of the states and their fitted torques, optionally from some time on."""
 
     kind: str
     joints: tuple[int, ...]
+    """Indices of the joints."""
     values: Callable[[LogStates, FittedTorques], Array]
+    """Function that returns the columns of the law for all joints, (n, nv) or (n, nv, k)."""
     speed: float = 0.0
     """Speed at which static friction has decayed (Stribeck speed)."""
     since: tuple[int, float] | None = None
@@ -319,8 +344,9 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
             yield Cause("no-gravity", (k,), partial(LogStates.with_fields, weightless=(*s.weightless, k)))
         if turning[k]:
             yield Cause("degrees", (k,), partial(positions_times, k=k, factor=np.pi / 180))
-            for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
-                yield Cause("zero-turn", (k,), partial(zero, k=k, beta=turn), number=float(np.degrees(turn)))
+            for zero_error in (0.5 * np.pi, -0.5 * np.pi, np.pi):
+                degrees = float(np.degrees(zero_error))
+                yield Cause("zero-turn", (k,), partial(zero, k=k, beta=zero_error), number=degrees)
         # Drives of wrists couple neighbouring joints. Other pairs are not tested, as each test makes others less significant.
         if k > 0 and turning[k - 1] and turning[k]:
             for sign in (-1.0, 1.0):
@@ -347,9 +373,9 @@ def _mountings(s: LogStates) -> Iterator[Cause]:
     """Mountings on four walls and on the ceiling, and a robot without gravity."""
     strength = float(np.linalg.norm(s.gravity))
     down = s.gravity / np.linalg.norm(s.gravity)
-    level = np.linalg.svd(down[None])[2][1:]  # two axes perpendicular to gravity
+    horizontal_axes = _horizontal_axes(down)
     no_direction = 0.0 * down
-    for direction in (*level, *-level, -down, no_direction):
+    for direction in (*horizontal_axes, *-horizontal_axes, -down, no_direction):
         yield Cause("mounting", (), partial(LogStates.with_fields, gravity=strength * direction))
 
 
@@ -358,25 +384,27 @@ def continuous_causes(s: LogStates, *, wide: bool) -> Iterator[Cause]:
     gains = _LOG_GAINS if wide else (0.0,)
     delays = _DELAYS if wide else (0.0,)
     for k, is_turning in enumerate(turning_joints(s.base.unknown.model)):
-        yield Cause("gain", (k,), lambda s, beta, k=k: gain(s, k, _factor(beta)), 1e-3, starts=gains)
-        yield Cause("position-scale", (k,), lambda s, beta, k=k: positions_times(s, k, 1.0 / _factor(beta)), 1e-3)
+        yield Cause("gain", (k,), lambda s, beta, k=k: gain(s, k, _factor(beta)), _VALUE_STEP, starts=gains)
+        yield Cause(
+            "position-scale", (k,), lambda s, beta, k=k: positions_times(s, k, 1.0 / _factor(beta)), _VALUE_STEP
+        )
         if is_turning:
-            yield Cause("zero", (k,), lambda s, beta, k=k: zero(s, k, float(beta[0])), 1e-3)
+            yield Cause("zero", (k,), lambda s, beta, k=k: zero(s, k, float(beta[0])), _VALUE_STEP)
     if s.gravity.any():
-        yield Cause("tilt", (), tilt, 1e-3, size=2)
-    yield Cause("late", (), _later, 1e-3, starts=delays)
+        yield Cause("tilt", (), tilt, _VALUE_STEP, size=2)
+    yield Cause("late", (), _later, _VALUE_STEP, starts=delays)
     if wide:
-        yield Cause("low-pass", (), _with_lag, 1e-3, starts=_LAGS, cost=1.0)
+        yield Cause("low-pass", (), _with_lag, _VALUE_STEP, starts=_LAGS, cost=1.0)
 
 
 def _with_lag(s: LogStates, beta: Array) -> LogStates:
-    """Low-pass the predicted torques with a time constant of β seconds."""
+    """Low-pass the predicted torques with a time constant of β seconds, above zero."""
     return s.with_fields(lag=max(float(beta[0]), 1e-6))
 
 
 def _factor(beta: Array) -> float:
     """Factor whose logarithm is β, so that it stays positive; bounded against overflow."""
-    return float(np.exp(np.clip(beta[0], -8.0, 8.0)))
+    return float(np.exp(np.clip(beta[0], -_MAX_LOG_FACTOR, _MAX_LOG_FACTOR)))
 
 
 def _later(s: LogStates, beta: Array) -> LogStates:
@@ -436,39 +464,43 @@ def _has_moving_tip(s: LogStates) -> bool:
 
 
 def _force(s: LogStates, _fitted: FittedTorques) -> Array:
-    """Columns -J' e of forces along the world's axes, which motors balance; forces that move no joint are left out."""
-    J = np.asarray(s.base.unknown.robot.jacobian(s.q, kind="world_aligned"))[:, 3:]
-    columns = -J.swapaxes(1, 2)
+    """Columns -J' e of forces along the world's axes, which motors balance; forces that load no joint are left out."""
+    J = np.asarray(s.base.unknown.robot.jacobian(s.q, kind="world_aligned"))
+    J_v = J[:, 3:]
+    columns = -J_v.swapaxes(1, 2)
     norms = np.linalg.norm(columns, axis=(0, 1))
-    total_norm = max(float(np.linalg.norm(columns)), 1e-300)
-    return np.asarray(columns[..., norms > _MIN_INDEPENDENT_SHARE * total_norm])
+    total_norm = max(float(np.linalg.norm(columns)), _MIN_DIVISOR)
+    loads_joints = norms > _MIN_INDEPENDENT_SHARE * total_norm
+    return np.asarray(columns[..., loads_joints])
 
 
 def _load(s: LogStates, _fitted: FittedTorques) -> Array:
     """Columns of a mass m on the tip and of its first moments m c, without dependent ones; m c c' is neglected."""
     model = s.base.unknown.model
     frame = model.frames[str(model.tip)]
-    columns = slice(10 * frame.body, 10 * frame.body + 10)
-    body_columns = list[Array]()
+    first_column = _PARAMETERS_PER_BODY * frame.body
+    body_columns: list[Array] = []
     for begin in range(0, len(s.time), PORTION):  # in portions, to limit memory
-        p = slice(begin, begin + PORTION)
-        body_columns.append(s.base.unknown.regressor(s.q[p], s.dq[p], s.ddq[p], s.gravity)[:, :, columns])
-    e = np.concatenate(body_columns) @ _unit_loads(frame.pose)
-    norms = np.maximum(np.linalg.norm(e, axis=(0, 1)), 1e-300)
-    R = np.linalg.qr((e / norms).reshape(-1, 4))[1]
-    independent = np.abs(R.diagonal()) > _MIN_INDEPENDENT_SHARE
-    return np.asarray(e[..., independent])
+        span = slice(begin, begin + PORTION)
+        Y = s.base.unknown.regressor(s.q[span], s.dq[span], s.ddq[span], s.gravity)
+        body_columns.append(Y[:, :, first_column : first_column + _PARAMETERS_PER_BODY])
+    load_columns = np.concatenate(body_columns) @ _unit_loads(frame.pose)
+    norms = np.maximum(np.linalg.norm(load_columns, axis=(0, 1)), _MIN_DIVISOR)
+    unit_columns = (load_columns / norms).reshape(-1, 4)
+    R = np.linalg.qr(unit_columns, mode="r")
+    is_independent = np.abs(R.diagonal()) > _MIN_INDEPENDENT_SHARE
+    return np.asarray(load_columns[..., is_independent])
 
 
 def _unit_loads(pose: Array) -> Array:
-    """(10, 4) derivatives of the carrying body's parameters by a mass at a pose, and by its three first moments."""
+    """Derivatives (10, 4) of a body's parameters by a mass at a pose, and by the three first moments of this mass."""
 
     def parameters(com: Array) -> Array:
         """Parameters (10,) of a point mass of 1 kg at ``com`` in the frame of the pose."""
         return SpatialInertia.from_com(1.0, com, np.zeros((3, 3))).in_frame(pose).parameters
 
     steps = _COM_STEP * np.eye(3)
-    # central differences, in which the parts of m c c' cancel
+    # Central differences, in which the parts of m c c' cancel.
     by_moments = [0.5 * (parameters(step) - parameters(-step)) / _COM_STEP for step in steps]
     by_mass = parameters(np.zeros(3))
     return np.stack([by_mass, *by_moments], axis=1)
@@ -484,39 +516,48 @@ _MIN_INDEPENDENT_SHARE = 1e-6
 
 
 def _offset(_s: LogStates, fitted: FittedTorques) -> Array:
+    """Constant torque."""
     return np.ones_like(fitted.whole)
 
 
 def _gain_drift(s: LogStates, fitted: FittedTorques) -> Array:
+    """Gain that changes steadily over the logs."""
     return _elapsed_share(s)[:, None] * fitted.whole
 
 
 def _spring(s: LogStates, _fitted: FittedTorques) -> Array:
+    """Spring about the mean position of each joint."""
     q = s.q[:, : len(s.gain)]
     return q - q.mean(axis=0)
 
 
 def _whole(_s: LogStates, fitted: FittedTorques) -> Array:
+    """Other gain."""
     return fitted.whole
 
 
 def _load_friction(s: LogStates, fitted: FittedTorques) -> Array:
+    """Dry friction in proportion to the torque of the rigid bodies."""
     return np.abs(fitted.rigid) * _dry(s)
 
 
 def _delay_column(s: LogStates, fitted: FittedTorques) -> Array:
+    """Delay of the torque."""
     return -s.slope(fitted.whole)
 
 
 def _warming(s: LogStates, fitted: FittedTorques) -> Array:
+    """Coulomb friction that changes steadily over the logs."""
     return _elapsed_share(s)[:, None] * _dry(s) * fitted.coulomb
 
 
 def _drift(s: LogStates, fitted: FittedTorques) -> Array:
+    """Offset that changes steadily over the logs."""
     return _elapsed_share(s)[:, None] * np.ones(fitted.whole.shape[1])
 
 
 def _stribeck(s: LogStates, fitted: FittedTorques, *, speed: float) -> Array:
+    """Static friction that decays with a Stribeck ``speed``."""
     return np.asarray(_dry(s) * np.exp(-((s.dq / speed) ** 2)) * fitted.coulomb)
 
 
@@ -540,35 +581,41 @@ _MAX_GAP = 0.2
 
 
 def runs(time: Array, piece: Array, is_high: Array) -> list[tuple[int, int]]:
-    """Runs (first row, row after the last) of high rows within one piece, of at least 0.3 s; short gaps are bridged."""
-    rows = np.flatnonzero(is_high)
-    if not rows.size:
+    """Runs of high rows within one piece: pairs of the first row and the row after the last.
+
+    Runs are at least 0.3 s long; short gaps in them are bridged.
+    """
+    high_rows = np.flatnonzero(is_high)
+    if not high_rows.size:
         return []
-    is_gap = np.diff(time[rows]) > _MAX_GAP
-    is_other_piece = np.diff(piece[rows]) != 0
-    ends = np.flatnonzero(is_gap | is_other_piece)  # a run ends before each of these steps
-    first = rows[np.append(0, ends + 1)]
-    last = rows[np.append(ends, len(rows) - 1)]
-    is_long = time[last] - time[first] >= _MIN_RUN
-    return list(zip(first[is_long].tolist(), (last[is_long] + 1).tolist(), strict=True))
+    is_gap = np.diff(time[high_rows]) > _MAX_GAP
+    is_other_piece = np.diff(piece[high_rows]) != 0
+    run_ends = np.flatnonzero(is_gap | is_other_piece)  # indices among the high rows
+    first_rows = high_rows[np.append(0, run_ends + 1)]
+    last_rows = high_rows[np.append(run_ends, len(high_rows) - 1)]
+    is_long = time[last_rows] - time[first_rows] >= _MIN_RUN
+    return list(zip(first_rows[is_long].tolist(), (last_rows[is_long] + 1).tolist(), strict=True))
 
 
 def value_with_interval(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, float]]:
-    """β (k,) and its interval of half-widths ``half`` (k,), in the unit of the table; the magnitude if β is a vector."""
-    result = float(value[0])
+    """Value β (k,) and its interval of half-widths ``half`` (k,), in the unit of the table.
+
+    If β is a vector, the value is its magnitude.
+    """
+    size = float(value[0])
     direction = np.eye(len(value))[0]
     if len(value) > 1:
-        result = float(np.linalg.norm(value))
-        if result:
-            direction = value / result
+        size = float(np.linalg.norm(value))
+        if size:
+            direction = value / size
     half_width = float(np.sqrt(((direction * half) ** 2).sum()))
     to_unit = _TO_UNITS.get(kind, float)
-    bounds = [float(to_unit(result - half_width)), float(to_unit(result + half_width))]
+    bounds = [float(to_unit(size - half_width)), float(to_unit(size + half_width))]
     low, high = sorted(bounds)  # some conversions decrease
-    return float(to_unit(result)), (low, high)
+    return float(to_unit(size)), (low, high)
 
 
-_TO_UNITS: Mapping[str, Callable[[float], float]] = {
+_TO_UNITS: Mapping[str, Callable[[float], float]] = {  # functions of β, by kind; β itself for others
     **dict.fromkeys(("zero", "tilt", "elasticity", "zero-change"), np.degrees),
     "backlash": lambda half: 2.0 * np.degrees(half),
     **dict.fromkeys(("late", "late-change", "late-joint"), lambda seconds: 1e3 * seconds),

@@ -20,6 +20,7 @@ from ..rows import SteadySamples, spring_torques, states_with_rows
 
 PORTION = 2048
 """Number of states whose columns are computed together, to limit memory."""
+_PARAMETERS_PER_BODY = 10
 _FIELDS_OF_COLUMNS = {
     "bodies": ("q", "dq", "ddq", "gravity", "weightless", "rows"),
     "drives": ("dq", "ddq", "pieces", "friction_speed", "rows", "lagging"),
@@ -85,29 +86,34 @@ class LogStates:
         whole: bool = False,
     ) -> LogStates:
         """States of samples, with at most ``most`` rows; if ``whole``, at all samples, with positions and torques unchanged."""
-        states, rows, pieces, unfiltered = list[Any](), list[Array](), list[slice](), list[Array]()
-        jumps = list[tuple[int, int, float]]()
-        begin = 0
-        for number, (piece, filtered, kept) in enumerate(states_with_rows(samples, cutoff, most, whole=whole)):
-            states.append(replace(filtered, q=piece.q, tau=piece.tau) if whole else filtered)
+        states_by_piece: list[Any] = []
+        rows: list[Array] = []
+        pieces: list[slice] = []
+        unfiltered: list[Array] = []
+        jumps: list[tuple[int, int, float]] = []
+        begin = 0  # index of the piece's first state among all states
+        selected = states_with_rows(samples, cutoff, most, whole=whole)
+        for piece_index, (piece, filtered, selected_rows) in enumerate(selected):
+            states_by_piece.append(replace(filtered, q=piece.q, tau=piece.tau) if whole else filtered)
             end = begin + len(filtered.time)
-            rows.append(np.arange(begin, end)[kept])
+            rows.append(np.arange(begin, end)[selected_rows])
             pieces.append(slice(begin, end))
             begin = end
             sample_times = piece.start + np.arange(len(piece.q)) / piece.rate
             positions = np.empty((len(filtered.time), piece.q.shape[1]))
-            for k, q in enumerate(piece.q.T):
-                positions[:, k] = np.interp(filtered.time, sample_times, q)
+            for joint, q in enumerate(piece.q.T):
+                positions[:, joint] = np.interp(filtered.time, sample_times, q)
                 jump = jump_of(q)
-                if jump is not None:  # in the middle between two samples
-                    jumps.append((k, number, piece.start + (jump - 0.5) / piece.rate))
+                if jump is not None:
+                    jump_time = piece.start + (jump - 0.5) / piece.rate  # in the middle between two samples
+                    jumps.append((joint, piece_index, jump_time))
             unfiltered.append(positions)
         nv = base.unknown.model.nv
-        counts = [len(s.time) for s in states]
+        counts = [len(states.time) for states in states_by_piece]
 
         def values(name: str) -> Array:
             """Values of a field of all pieces."""
-            return np.concatenate([getattr(s, name) for s in states])
+            return np.concatenate([getattr(states, name) for states in states_by_piece])
 
         return cls(
             base,
@@ -115,8 +121,8 @@ class LogStates:
             pieces,
             np.concatenate(rows),
             values("time"),
-            np.repeat(np.arange(len(states)), counts),
-            np.repeat([s.rate for s in states], counts),
+            np.repeat(np.arange(len(states_by_piece)), counts),
+            np.repeat([states.rate for states in states_by_piece], counts),
             values("q"),
             values("dq"),
             values("ddq"),
@@ -133,14 +139,14 @@ class LogStates:
         """Low-pass values (n, ...) of the states at the cut-off, piece by piece."""
         if not self.pieces:
             return x
-        filtered = list[Array]()
+        filtered: list[Array] = []
         for piece in self.pieces:
             rate = float(self.rate[piece.start])
             filtered.append(low_pass(x[piece], self.cutoff, rate))
         return np.concatenate(filtered)
 
     def slope(self, x: Array) -> Array:
-        """Time derivatives of values (n, ...) of the states."""
+        """Time derivatives (n, ...) of values of the states, piece by piece."""
         if not self.pieces:
             return np.zeros_like(x)
         return np.concatenate([np.gradient(x[piece], self.time[piece], axis=0) for piece in self.pieces])
@@ -156,7 +162,7 @@ class LogStates:
         """(n, nv) measured torques, corrected for the time shift."""
         if not self.shift:
             return self.tau
-        return np.concatenate([self._shifted(s) for s in self.pieces])
+        return np.concatenate([self._shifted(piece) for piece in self.pieces])
 
     def _shifted(self, piece: slice) -> Array:
         """(n, nv) torques of a piece, ``shift`` seconds later; at its ends, the first and the last torque."""
@@ -182,22 +188,24 @@ class LogStates:
 
     def _group_columns(self, bodies: Array, drives: Array) -> Array:
         """Columns (n, nv, r) of the groups from columns of the body parameters and factors of the drives."""
-        kept, unknown = self.base.kept, self.base.unknown
+        unknown = self.base.unknown
+        parameters = self.base.kept  # index of each group's parameter
         drive_groups = self.base.drives
-        body_columns = np.maximum(unknown.of_bodies[kept], 0)  # -1 of drives: any column, which is replaced below
+        body_columns = np.maximum(unknown.of_bodies[parameters], 0)  # -1 of drives: any column, which is replaced below
         W = np.take(bodies, body_columns, axis=2)
-        W[:, :, drive_groups] = drives[:, None] * unknown.shares[kept[drive_groups]].T
+        W[:, :, drive_groups] = drives[:, None] * unknown.shares[parameters[drive_groups]].T
         return W
 
     def predicted_torques(self, x: Array) -> Array:
         """(m, nv) torques W x at the rows."""
         if not self.lagging:
-            bodies, drives = self._parts(x)
-            return np.asarray(self.gain * (bodies + drives))
-        body_values, drives = self._body_values(x), self._drive_torques(x)
+            body_torques, drive_torques = self._parts(x)
+            return np.asarray(self.gain * (body_torques + drive_torques))
+        body_values = self._body_values(x)
+        drive_torques = self._drive_torques(x)
 
         def torques_of_states(span: slice) -> Array:
-            return np.asarray(self._body_columns(span) @ body_values + drives[span])
+            return np.asarray(self._body_columns(span) @ body_values + drive_torques[span])
 
         return np.asarray(self.gain * self._low_pass_at_rows(torques_of_states))
 
@@ -208,30 +216,32 @@ class LogStates:
     def _body_values(self, x: Array) -> Array:
         """Values of all body parameters by groups x (r,): each group is the value of one parameter, the others are 0."""
         unknown = self.base.unknown
-        values = np.zeros(10 * len(unknown.model.bodies))
-        columns = unknown.of_bodies[self.base.kept]  # of each group; -1 for groups of drives
-        is_body = columns >= 0
-        values[columns[is_body]] = x[is_body]
+        values = np.zeros(_PARAMETERS_PER_BODY * len(unknown.model.bodies))
+        body_columns = unknown.of_bodies[self.base.kept]  # of each group; -1 for groups of drives
+        is_body_group = body_columns >= 0
+        values[body_columns[is_body_group]] = x[is_body_group]
         return values
 
     def _drive_torques(self, x: Array) -> Array:
         """Torques (n, nv) of the drives by groups x (r,)."""
         drive_groups = self.base.drives
-        return np.asarray((self.drives * x[drive_groups]) @ self.base.unknown.shares[self.base.kept[drive_groups]])
+        shares = self.base.unknown.shares[self.base.kept[drive_groups]]  # of each drive's group in the joints' torques
+        return np.asarray((self.drives * x[drive_groups]) @ shares)
 
     def _low_pass_at_rows(self, values: Callable[[slice], Array]) -> Array:
-        """Low-passed values at the rows; ``values`` returns those of a range of states, of which few are in memory at once.
+        """Low-passed values at the rows, from a function that returns the ``values`` of a range of states.
 
-        The low-pass has the time constant ``lag``, and starts anew in each piece.
+        It is called for short ranges, to limit memory. The low-pass has the time constant ``lag``, and starts anew in each
+        piece.
         """
-        values_at_rows = list[Array]()
+        values_at_rows: list[Array] = []
         for piece in self.pieces:
-            steps = self.lag * float(self.rate[piece.start])
-            last = None
+            lag_steps = self.lag * float(self.rate[piece.start])
+            last_value = None
             for begin in range(piece.start, piece.stop, PORTION):
                 span = slice(begin, min(piece.stop, begin + PORTION))
-                y = lagged(values(span), steps, last)
-                last = y[-1]
+                y = lagged(values(span), lag_steps, last_value)
+                last_value = y[-1]
                 rows_of_span = self.rows[(self.rows >= begin) & (self.rows < span.stop)]
                 values_at_rows.append(y[rows_of_span - begin])
         return np.concatenate(values_at_rows)
@@ -241,53 +251,56 @@ class LogStates:
         """Columns of the body parameters at the rows."""
         return self._body_columns(self.rows)
 
-    def _body_columns(self, at: Array | slice) -> Array:
+    def _body_columns(self, indices: Array | slice) -> Array:
         """Columns (n, nv, p) of the body parameters at some states."""
-        states = self.q[at], self.dq[at], self.ddq[at]
-        Y = self.base.unknown.regressor(*states, self.gravity)
+        states = (self.q[indices], self.dq[indices], self.ddq[indices])
+        regressor = self.base.unknown.regressor
+        Y = regressor(*states, self.gravity)
         if self.weightless:
             joints = list(self.weightless)
-            Y_without_gravity = self.base.unknown.regressor(*states, 0.0 * self.gravity)
+            Y_without_gravity = regressor(*states, 0.0 * self.gravity)
             Y[:, joints] = Y_without_gravity[:, joints]
         return np.asarray(Y)
 
     @cached_property
     def drives(self) -> Array:
-        """Factors of the columns of motor inertias, friction and offsets at the rows, or in all states for a low-pass."""
+        """Factors of the columns of motor inertias, friction and offsets: at the rows; if torques lag, in all states."""
         unknown = self.base.unknown
-        at = slice(None) if self.lagging else self.rows
+        indices = slice(None) if self.lagging else self.rows
         parameters = self.base.kept[self.base.drives]
-        factors = unknown.drives(parameters, self.dq[at], self.ddq[at], self.friction_speed)
-        dry = np.flatnonzero(np.isin(np.array(unknown.kinds)[parameters], ("coulomb", "stribeck")))
-        if dry.size:  # dry friction jumps: it is low-passed like the torques
-            dry_factors = unknown.drives(parameters[dry], self.dq, self.ddq, self.friction_speed)
-            factors[:, dry] = self.low_passed(dry_factors)[at]
+        factors = unknown.drives(parameters, self.dq[indices], self.ddq[indices], self.friction_speed)
+        kinds = np.array(unknown.kinds)[parameters]
+        dry_columns = np.flatnonzero(np.isin(kinds, ("coulomb", "stribeck")))
+        if dry_columns.size:  # dry friction jumps: it is low-passed like the torques
+            dry_factors = unknown.drives(parameters[dry_columns], self.dq, self.ddq, self.friction_speed)
+            factors[:, dry_columns] = self.low_passed(dry_factors)[indices]
         return factors
 
     def torques(self, x: Array) -> tuple[Array, Array]:
-        """(n, nv) torques W x of all states, and the part of the bodies, computed in portions."""
+        """(n, nv) torques W x of all states, and (n, nv) the part of the bodies in them, computed in portions."""
         n = len(self.time)
-        portions = list[Array]()  # (2, states, nv) each
+        portions: list[Array] = []  # (2, states, nv) each
         for begin in range(0, n, PORTION):
             span = slice(begin, min(n, begin + PORTION))
             fields = {name: getattr(self, name)[span] for name in ("time", "piece", "rate", "q", "dq", "ddq", "tau")}
             portion = self.with_fields(**fields, rows=np.arange(span.stop - begin), pieces=(), lag=0.0)
-            bodies, drives = portion._parts(x)
-            portions.append(self.gain * np.stack([bodies + drives, bodies]))
-        total, bodies = np.concatenate(portions, axis=1)
-        return total, bodies
+            body_torques, drive_torques = portion._parts(x)
+            portions.append(self.gain * np.stack([body_torques + drive_torques, body_torques]))
+        total_torques, all_body_torques = np.concatenate(portions, axis=1)
+        return total_torques, all_body_torques
 
     def with_fields(self, **fields: Any) -> LogStates:
         """Copy with other values of some fields; columns that do not depend on them stay cached."""
         copy = replace(self, **fields)
         for columns, names in _FIELDS_OF_COLUMNS.items():
-            if columns in self.__dict__ and all(getattr(copy, name) is getattr(self, name) for name in names):
+            is_unchanged = all(getattr(copy, name) is getattr(self, name) for name in names)
+            if is_unchanged and columns in self.__dict__:
                 copy.__dict__[columns] = self.__dict__[columns]
         return copy
 
 
-_STEPS_BESIDE = 5
-"""Steps on both sides of a jump that are not compared with it."""
+_STEPS_BESIDE_JUMP = 5
+"""Number of steps on either side of a jump that are not compared with it."""
 _MIN_RATIO_TO_USUAL = 20.0
 """Departure of a jump from its neighbouring steps, over the usual departure (rms)."""
 _MIN_RATIO_TO_SECOND = 3.0
@@ -295,16 +308,17 @@ _MIN_RATIO_TO_SECOND = 3.0
 
 
 def jump_of(positions: Array) -> int | None:
-    """Index of the first sample (n,) after a jump, if a position jumps once and far beyond its other steps; else None."""
+    """Index of the first sample after a jump, if positions (n,) jump once and far beyond their other steps; else None."""
     steps = np.diff(positions)
-    if len(steps) < 2 * _STEPS_BESIDE:
+    if len(steps) < 2 * _STEPS_BESIDE_JUMP:
         return None
     # departures[k] is of step k + 1, which leads from sample k + 1 to sample k + 2
     departures = np.abs(steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]))
     k = int(departures.argmax())
-    others = np.delete(departures, slice(max(0, k - _STEPS_BESIDE), k + _STEPS_BESIDE + 1))
-    if departures[k] < _MIN_RATIO_TO_USUAL * np.sqrt((others**2).mean()):
+    beside_jump = slice(max(0, k - _STEPS_BESIDE_JUMP), k + _STEPS_BESIDE_JUMP + 1)
+    other_departures = np.delete(departures, beside_jump)
+    if departures[k] < _MIN_RATIO_TO_USUAL * np.sqrt((other_departures**2).mean()):
         return None
-    if departures[k] < _MIN_RATIO_TO_SECOND * others.max():
+    if departures[k] < _MIN_RATIO_TO_SECOND * other_departures.max():
         return None
     return k + 2

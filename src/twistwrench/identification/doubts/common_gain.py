@@ -10,20 +10,22 @@ from ...core.numbers import number
 from ...core.typing import Array
 from .fitted_log import FittedLog
 
-_MIN_GAIN, _MAX_GAIN = 0.25, 4.0
-"""Range of a common gain of all torques against the file's bodies, outside of which it is a fault."""
+_MIN_GAIN = 0.25
+"""Common gain of all torques, relative to the file's bodies, below which it is a fault."""
+_MAX_GAIN = 4.0
+"""Common gain of all torques, relative to the file's bodies, above which it is a fault."""
 _UNITS = {
     1e3: "N mm", 1e-3: "kN m", 10.197: "kgf cm", 0.10197: "kgf m", STRENGTH: "N m if the file's masses are weights",
     4.4482: "N if they were in lbf", 0.73756: "lbf ft", 8.8507: "lbf in", 1.35582: "N m if they were in lbf ft",
     0.112985: "N m if they were in lbf in",
 }  # fmt: skip
-"""Torques of other units, as multiples of those in N m."""
+"""Other units of torques, by the number of such units in 1 N m."""
 _MAX_UNIT_DEVIATION = 0.02
 """Largest relative deviation of a gain from that of a unit."""
 _MAX_RATIO_TO_FREE = 2.0
-"""Largest ratio of the residual with the file's bodies at one gain to that of free groups, if these bodies fit."""
+"""Residual with the file's bodies at one gain, over the residual with free groups, up to which these bodies fit."""
 _MAX_RATIO_TO_DRIVES = 0.75
-"""Largest ratio of the squared residual with the file's bodies to that of drives alone, if the gain is meaningful."""
+"""Squared residual with the file's bodies, over that with drives alone, up to which the gain has a meaning."""
 
 
 def gain_of_all(fit: FittedLog) -> list[Doubt]:
@@ -33,15 +35,16 @@ def gain_of_all(fit: FittedLog) -> list[Doubt]:
     torques_of_file = torques_of_file - fit.W[:, :, base.held] @ fit.x[base.held]
     sigma = np.maximum(np.sqrt((fit.tau**2).mean(axis=0)), 1e-300)
     drives = fit.W[:, :, base.drives]
-    x, squares = _least_squares(fit, np.concatenate([torques_of_file[..., None], drives], axis=2), sigma)
-    _, squares_of_drives = _least_squares(fit, drives, sigma)
-    gain = float(x[0])
-    if squares > _MAX_RATIO_TO_DRIVES * squares_of_drives:
+    file_and_drives = np.concatenate([torques_of_file[..., None], drives], axis=2)
+    coefficients, square_sum = _least_squares(fit, file_and_drives, sigma)
+    _, square_sum_of_drives = _least_squares(fit, drives, sigma)
+    gain = float(coefficients[0])
+    if square_sum > _MAX_RATIO_TO_DRIVES * square_sum_of_drives:
         return []
     if _MIN_GAIN <= gain <= _MAX_GAIN:
         residual = (fit.tau - fit.W @ fit.x) / sigma
-        squares_of_free = float((residual[:, ~fit.dead] ** 2).sum())
-        if squares > _MAX_RATIO_TO_FREE**2 * squares_of_free:
+        square_sum_of_free = float((residual[:, ~fit.dead] ** 2).sum())
+        if square_sum > _MAX_RATIO_TO_FREE**2 * square_sum_of_free:
             return []
         return unit_doubts(fit, gain)
     kind = "torque-sign" if gain < 0 else "gain"
@@ -58,12 +61,12 @@ def _least_squares(fit: FittedLog, columns: Array, sigma: Array) -> tuple[Array,
     A = (columns / sigma[:, None])[:, ~fit.dead].reshape(len(y), columns.shape[2])
     x: Array = np.zeros(0)
     if columns.size:
-        x = np.linalg.lstsq(A, y, rcond=None)[0]
+        x, *_ = np.linalg.lstsq(A, y, rcond=None)
     return x, float(((y - A @ x) ** 2).sum())
 
 
 def unit_doubts(fit: FittedLog, gain: float) -> list[Doubt]:
-    """Unit that the torques of the log seem to have, if the gain is near the factor of a unit."""
+    """Doubt about the unit of the log's torques, if the gain is near the factor of another unit."""
     for factor, unit in _UNITS.items():
         if abs(gain / factor - 1.0) < _MAX_UNIT_DEVIATION:
             words = {"value": number(gain, 3), "said": f"they look like {unit}"}

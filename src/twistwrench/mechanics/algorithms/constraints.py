@@ -1,11 +1,11 @@
 """Constrained dynamics, A(q) dq = 0: rows of constraints, forces, and derivatives. Modern Robotics section 8.7.
 
-Two kinds of constraints, both plain data. A :class:`Closure` attaches a frame {b} to a frame {c}, which is fixed in {a}.
+There are two kinds of constraints, both plain data. A :class:`Closure` attaches a frame {b} to a frame {c} fixed in {a}.
 With T_cb = (R, p), its six rows are the angular velocity of {b} relative to {c} and the rate of p,
 
     V_cb = (w, dp/dt),   [w] = (dR/dt) R'.
 
-The closure sets the chosen rows of V_cb to zero. A :class:`Rolling` sets chosen rows of one frame's Jacobian to zero; such
+The closure sets the chosen rows of V_cb to zero. A :class:`Rolling` sets chosen rows of one frame's twist to zero; such
 rows may be nonholonomic. λ is the wrench that {b} exerts on {a}, at the origin of {b} in axes of {c}, like the book's F_tip.
 """
 
@@ -39,11 +39,12 @@ class Closure:
     frame_a: str
     frame_b: str
     rows: tuple[int, ...]
+    """Indices of the chosen rows of V_cb."""
     pose: tuple[tuple[float, ...], ...]
 
     @property
     def name(self) -> str:
-        """Names of the two frames."""
+        """Names of the two frames, as one text."""
         return f"{self.frame_a}–{self.frame_b}"
 
     @cached_property
@@ -55,7 +56,7 @@ class Closure:
 
     def __getstate__(self) -> dict[str, Any]:
         # Without the cached T_ac: an array comes out of a pickle writable.
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,8 @@ def with_gaps(constraints: Sequence[Constraint]) -> list[bool]:
 
 def independent_constraints(constraints: Sequence[Constraint], independent: Sequence[int]) -> tuple[Constraint, ...]:
     """Constraints with only the rows of A whose numbers are in ``independent``; a constraint without such rows is dropped."""
-    reduced, first_row = [], 0
+    reduced: list[Constraint] = []
+    first_row = 0  # number of the constraint's first row in A
     for constraint in constraints:
         rows = tuple(row for n, row in enumerate(constraint.rows) if first_row + n in independent)
         first_row += len(constraint.rows)
@@ -117,14 +119,16 @@ def place_of(model: Model, frame: str) -> Frame:
 
 
 def _joint_path(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array, float]], Array]:
-    """Joints on the path from {c} to {b}, in that order, as (body, T_c,body, sign); and T_cb.
+    """Path of joints from {c} to {b}, each as (body, T_c,body, sign), and the pose T_cb.
 
     The path leads from {c} up to the nearest common ancestor and from there down to {b}. The sign is -1 on the way up, where
     a joint moves {c}, and 1 on the way down, where a joint moves {b}.
     """
-    a, b = place_of(model, closure.frame_a), place_of(model, closure.frame_b)
+    a = place_of(model, closure.frame_a)
+    b = place_of(model, closure.frame_b)
     poses_in_parents = joint_poses(model, q)
-    up, down = list(ancestors(model, a.body)), list(ancestors(model, b.body))
+    up = list(ancestors(model, a.body))
+    down = list(ancestors(model, b.body))
     while up and down and up[-1] == down[-1]:  # common ancestors move both frames alike
         up.pop()
         down.pop()
@@ -140,7 +144,7 @@ def _joint_path(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Bo
 
 
 def _axes_on_path(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array]], Array]:
-    """Each body on the path with its joint's screw axes (k, 6) in {c}; and the position p of {b} in {c}.
+    """Pairs of each body on the path and its joint's screw axes (k, 6) in {c}, and the position p of {b} in {c}.
 
     The axes carry the sign and the gear ratio, so that their sum over all joints, times dq, is the twist of {b}.
     """
@@ -155,7 +159,8 @@ def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
     axes_on_path, p = _axes_on_path(model, q, closure)
     for body, axes in axes_on_path:
         _, columns = body.places
-        J[:, columns] = J[:, columns] + np.array([_twist_at_point(p, axis) for axis in axes]).T
+        twists = np.array([_twist_at_point(p, axis) for axis in axes])  # of {b} at unit rates
+        J[:, columns] = J[:, columns] + twists.T
     return J
 
 
@@ -173,15 +178,18 @@ def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array
 
 
 def _twist_at_point(p: Array, V: Array) -> Array:
-    """(w, v + w × p): the linear part becomes the velocity of the point p; that of V = (w, v) is taken at the origin."""
+    """(w, v + w × p): twist V = (w, v) with the velocity of the point p in place of that of the point at the origin."""
     return np.concatenate([V[:3], V[3:] + so3.cross(V[:3], p)])
 
 
 def closure_poses(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
     """T_cb of each closure; (n, 4, 4)."""
     closures = [constraint for constraint in constraints if isinstance(constraint, Closure)]
-    T_cb = [_joint_path(model, q, closure)[1] for closure in closures]
-    return np.array(T_cb).reshape(-1, 4, 4)
+    poses = []
+    for closure in closures:
+        _, T_cb = _joint_path(model, q, closure)
+        poses.append(T_cb)
+    return np.array(poses).reshape(-1, 4, 4)
 
 
 def constraint_jacobian(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
@@ -237,15 +245,15 @@ def constrained_dynamics(
 
 
 SINGULAR_VALUE = 1e-9
-"""Largest singular value, relative to the norm of the scaled A', that counts as zero: such a direction of λ has no effect on
+"""Largest singular value, relative to the norm of the scaled A', that counts as zero: λ in its direction does not load
 joints."""
 MAX_RESIDUAL_TORQUE = 1e-6
-"""Largest residual torque at joints without motors, relative to the largest torque. If it is larger, no motor torques produce
-the motion. The value allows for the constraint errors that integrators leave in configurations and velocities."""
+"""Largest residual torque at joints without motors, relative to the largest torque, at which motor torques produce the motion.
+It allows for the constraint errors that integrators leave in configurations and velocities."""
 
 
 def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Array]:
-    """λ (..., k) and the residual torques f + A'λ at the joints without motors, by two least-squares problems in sequence.
+    """λ (..., k), and the residual torques f + A'λ at the joints without motors, by two least-squares problems in sequence.
 
     λ minimises the residual at the joints without motors, then the torques at the ``driven`` ones. f (..., nv) is M q̈ + h;
     ``driven`` (nv,) is true where there is a motor. ``sizes`` (k,) are the usual sizes W of the rows of A: the unknowns are
@@ -255,22 +263,23 @@ def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Arr
     f_column = f[..., None]
     f_driven, f_undriven = f_column[..., driven, :], f_column[..., ~driven, :]
     At_driven, At_undriven = At[..., driven, :], At[..., ~driven, :]
-    min_singular = SINGULAR_VALUE * np.linalg.norm(At, axis=(-2, -1))
-    inverse = _pseudoinverse(At_undriven, min_singular)
-    x = -inverse @ f_undriven
+    max_zero = SINGULAR_VALUE * np.linalg.norm(At, axis=(-2, -1))  # largest singular value that counts as zero
+    undriven_inverse = _pseudoinverse(At_undriven, max_zero)
+    x = -undriven_inverse @ f_undriven
     # Projector on changes of x without effect on undriven joints
-    null_space = np.eye(len(sizes)) - inverse @ At_undriven
-    x = x - null_space @ _pseudoinverse(At_driven @ null_space, min_singular) @ (f_driven + At_driven @ x)
+    null_space = np.eye(len(sizes)) - undriven_inverse @ At_undriven
+    driven_inverse = _pseudoinverse(At_driven @ null_space, max_zero)
+    x = x - null_space @ driven_inverse @ (f_driven + At_driven @ x)
     residual = f_undriven + At_undriven @ x
     return x[..., 0] / sizes, residual[..., 0]
 
 
-def _pseudoinverse(X: Array, min_singular: Array) -> Array:
-    """Moore–Penrose inverse; singular values up to ``min_singular`` (...) count as zero."""
+def _pseudoinverse(X: Array, max_zero: Array) -> Array:
+    """Moore–Penrose inverse; singular values up to ``max_zero`` (...) count as zero."""
     if 0 in X.shape[-2:]:
         return np.swapaxes(X, -1, -2)
     U, sigma, Vt = np.linalg.svd(X, full_matrices=False)
-    is_significant = sigma > min_singular[..., None]
+    is_significant = sigma > max_zero[..., None]
     safe_sigma = np.where(is_significant, sigma, 1.0)
     sigma_inverse = np.where(is_significant, 1.0 / safe_sigma, 0.0)
     return np.asarray(np.swapaxes(Vt, -1, -2) @ (sigma_inverse[..., None] * np.swapaxes(U, -1, -2)))
@@ -356,7 +365,7 @@ def constrained_derivatives(at: Slopes, dq: Array, ddq: Array, driven: Array) ->
     """Derivatives of the torques of the ``driven`` joints by their q, dq and ddq.
 
     ``at`` are the derivatives of the open robot at a state; ``driven`` (nv,) is true at as many joints as there are degrees of
-    freedom. A name such as ``b_along_q`` is ∂b of equations (4) to (7), ``b_along_dq`` the same for derivatives by u.
+    freedom. A name such as ``b_along_q`` is ∂b of equations (4) to (7); ``b_along_dq`` is the derivative of b by u.
     """
     u, d = driven, ~driven
     freedom = int(u.sum())
@@ -365,7 +374,8 @@ def constrained_derivatives(at: Slopes, dq: Array, ddq: Array, driven: Array) ->
     lam = -np.linalg.solve(_transpose(A_d), at.f[..., d, None])[..., 0]  # (3)
     constant_u = np.zeros((freedom, freedom))
 
-    def torque_changes(f_along: Array, At_lam_along: Array) -> Array:  # ∂τ from ∂f and ∂A' λ
+    def torque_changes(f_along: Array, At_lam_along: Array) -> Array:
+        """∂τ from ∂f and ∂A' λ."""
         lam_along = -np.linalg.solve(_transpose(A_d), f_along[..., d, :] + At_lam_along[..., d, :])  # (7)
         return np.asarray(f_along[..., u, :] + At_lam_along[..., u, :] + _transpose(A_u) @ lam_along)
 
@@ -394,4 +404,5 @@ def _all_rows(dependent_rows: Array, driven_rows: Array, driven: Array) -> Array
 
 
 def _transpose(X: Array) -> Array:
+    """Transposes of matrices (..., m, n)."""
     return np.swapaxes(X, -1, -2)

@@ -34,7 +34,7 @@ from .recursion import add_entry, ancestors, armature_symbols, inward, joint_pos
 
 
 class _Column(NamedTuple):
-    """One velocity of one joint, in its body's frame: the axis S, and P, Q, R of (1) to (3)."""
+    """One velocity of one joint: its axis S, and P, Q, R of (1) to (3), (6,) each in the body's frame."""
 
     S: Array
     P: Array
@@ -47,25 +47,28 @@ def inverse_dynamics_derivatives(
 ) -> tuple[Array, Array]:
     """∂τ/∂q and ∂τ/∂dq; (nv, nv) each. ∂τ/∂ddq is M."""
     T = joint_poses(model, q)
-    V, G = body_velocities(model, T, dq), composite_inertias(model, q)
+    V = body_velocities(model, T, dq)
+    G = composite_inertias(model, q)
     twice_B, F, columns = composite_terms(model, T, V, dq, ddq, wrenches)
     to_parent = [Ad(pose).inverse.T for pose in T]
     by_q = zeros(model.nv, model.nv) + spring_stiffness(model)
     by_dq = zeros(model.nv, model.nv)
     for i, body in enumerate(model.bodies):
-        for k, own in enumerate(columns[i]):
-            GS, BS = G[i] @ own.S, twice_B[i].transposed_times(own.S)
+        for k, column_i in enumerate(columns[i]):
+            GS = G[i] @ column_i.S
+            BS = twice_B[i].transposed_times(column_i.S)  # (2B)'S
             for j in ancestors(model, i):  # i itself first
                 ancestor = model.bodies[j]
-                for m, column in enumerate(columns[j]):
+                for m, column_j in enumerate(columns[j]):
                     if changes_dynamics(ancestor):
-                        add_entry(by_q, body, k, ancestor, m, column.P @ BS + column.Q @ GS)  # (4)
-                    add_entry(by_dq, body, k, ancestor, m, column.S @ BS + column.R @ GS)  # (6)
-                GS, BS = to_parent[j] @ GS, to_parent[j] @ BS
+                        add_entry(by_q, body, k, ancestor, m, column_j.P @ BS + column_j.Q @ GS)  # (4)
+                    add_entry(by_dq, body, k, ancestor, m, column_j.S @ BS + column_j.R @ GS)  # (6)
+                GS = to_parent[j] @ GS
+                BS = to_parent[j] @ BS
             if changes_dynamics(body):
-                F_by_q = twice_B[i] @ own.P + G[i] @ own.Q - ad(own.S).T @ F[i]
+                F_by_q = twice_B[i] @ column_i.P + G[i] @ column_i.Q - ad(column_i.S).T @ F[i]
                 _add_to_ancestors(by_q, model, columns, to_parent, i, k, F_by_q)  # (5)
-            F_by_dq = twice_B[i] @ own.S + G[i] @ own.R
+            F_by_dq = twice_B[i] @ column_i.S + G[i] @ column_i.R
             _add_to_ancestors(by_dq, model, columns, to_parent, i, k, F_by_dq)  # (7)
     for block, L in armature_symbols(model):  # L (n, n, n): the armature's torques are dq' L dq
         by_dq[block, block] = by_dq[block, block] + (L + L.swapaxes(1, 2)) @ dq[block]
@@ -77,15 +80,16 @@ def composite_terms(
 ) -> tuple[list[BodyCoriolis], list[Array], list[list[_Column]]]:
     """2 B and F summed over all bodies that each body carries, and the columns of its joint."""
     twice_B = [BodyCoriolis.from_twist(body.inertia, 2.0 * V[i]) for i, body in enumerate(model.bodies)]
-    columns = []
-    Adq, Addq = spread(model, dq), spread(model, ddq)
+    columns: list[list[_Column]] = []
+    Adq = spread(model, dq)
+    Addq = spread(model, ddq)
     F: list[Array] = []
     for i, motion in body_motions(model, T, dq, ddq):
         body = model.bodies[i]
         F.append(inertial_wrench(body.inertia, motion))
         V_parent = V[i] - Adq[i]
         w, v = V[i][:3], V[i][3:]
-        dV = np.concatenate([motion.dw, motion.a - so3.cross(w, v)])  # the acceleration of the origin is a = dv + w × v
+        dV = np.concatenate([motion.dw, motion.a - so3.cross(w, v)])  # a = dv + w × v: acceleration of the origin
         dV_parent = dV - Addq[i] - ad(V_parent) @ Adq[i]  # dV = dV_parent + S q̈ + [V_parent, S dq]
         joint_columns = []
         for S in body.joint.axes:
@@ -106,7 +110,7 @@ def composite_terms(
 def _add_to_ancestors(
     matrix: Array, model: Model, columns: list[list[_Column]], to_parent: list[Ad], i: int, k: int, F: Array
 ) -> None:
-    """Add torques of a wrench F on body i at the joints before i: in their rows, in the column of velocity k of i's joint."""
+    """Add the torques of a wrench F on body i at the joints before i, in the column of velocity k of i's joint."""
     F = to_parent[i] @ F
     for j in ancestors(model, i):
         if j == i:
@@ -125,14 +129,14 @@ def forward_dynamics_derivatives(
     model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, Array, Array]:
     """∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹; (nv, nv) each. From M ∂ddq/∂x = -∂τ/∂x at the ddq that τ produces."""
-    by_q, by_dq, inverse, W, D = torque_derivatives_and_factors(model, q, dq, tau, wrenches)
-    return accelerations(W, D, by_q), accelerations(W, D, by_dq), inverse
+    tau_by_q, tau_by_dq, M_inverse, W, D = torque_derivatives_and_factors(model, q, dq, tau, wrenches)
+    return accelerations(W, D, tau_by_q), accelerations(W, D, tau_by_dq), M_inverse
 
 
 def torque_derivatives_and_factors(
     model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """∂τ/∂q and ∂τ/∂dq at the ddq that τ produces, M⁻¹, and its factors W (nv, nv) and D (nv,): M⁻¹ = W D W'."""
+    """∂τ/∂q and ∂τ/∂dq at the ddq that τ produces, M⁻¹, and the factors W (nv, nv) and D (nv,) of M⁻¹ = W D W'."""
     L, D = ldl_factors(mass_matrix(model, q))
     ddq = solve_ldl(L, D, tau - bias_forces(model, q, dq, wrenches))
     by_q, by_dq = inverse_dynamics_derivatives(model, q, dq, ddq, wrenches)

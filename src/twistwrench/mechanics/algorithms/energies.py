@@ -37,7 +37,8 @@ def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
 
 def kinetic_energy(model: Model, q: Array, dq: Array) -> Any:
     """½ Σ V' G V plus the energy of the drives' armature [J]. MR section 8.1.2."""
-    twists = body_velocities(model, joint_poses(model, q), dq)
+    T = joint_poses(model, q)
+    twists = body_velocities(model, T, dq)
     motor_dq = motor_velocities(model, dq)
     energy = 0.5 * (motor_dq @ (model.armature * motor_dq))
     for body, V in zip(model.bodies, twists, strict=True):
@@ -47,7 +48,8 @@ def kinetic_energy(model: Model, q: Array, dq: Array) -> Any:
 
 def _mass_and_first_moment(model: Model, q: Array) -> tuple[float, Array]:
     """Mass and first moment (3,) of all moving bodies together, in the base frame."""
-    mass, h = 0.0, zeros(3)
+    mass = 0.0
+    h = zeros(3)  # first moment
     T_s = base_poses(model, joint_poses(model, q))
     for body, T in zip(model.bodies, T_s, strict=True):
         mass += body.inertia.mass
@@ -56,13 +58,13 @@ def _mass_and_first_moment(model: Model, q: Array) -> tuple[float, Array]:
 
 
 def potential_energy(model: Model, q: Array) -> Any:
-    """-Σ m g·c plus the energy of springs [J]. The sum is zero with every centre of mass c at the base origin."""
+    """-Σ m g·c plus the energy of springs [J]. The sum is zero if every centre of mass c is at the base origin."""
     _, h = _mass_and_first_moment(model, q)
     return -(model.gravity @ h) + spring_energy(model, q)
 
 
 def center_of_mass(model: Model, q: Array) -> Array:
-    """Centre of mass of the moving bodies in the base frame, NaN if their mass is zero; (3,)."""
+    """Centre of mass (3,) of the moving bodies in the base frame; NaN if their mass is zero."""
     mass, h = _mass_and_first_moment(model, q)
     return h * _mass_inverse(mass)
 
@@ -75,7 +77,7 @@ def _mass_inverse(mass: Any) -> Any:
 
 
 def com_jacobian(model: Model, q: Array) -> Array:
-    """J with d(center_of_mass)/dt = J dq; (3, nv). Each joint moves the composite body that it carries."""
+    """J (3, nv) with d(center_of_mass)/dt = J dq. Each joint moves all bodies that it carries as one composite body."""
     T_s = base_poses(model, joint_poses(model, q))
     G = composite_inertias(model, q)
     J = zeros(3, model.nv)
@@ -83,8 +85,8 @@ def com_jacobian(model: Model, q: Array) -> Array:
         R = T_s[i][:3, :3]
         for k, S in enumerate(body.joint.axes):
             column = body.v_index + k
-            linear_momentum = R @ (G[i] @ S)[3:]  # of the composite body at unit rate, in the base frame
-            J[:, column] = J[:, column] + body.ratio * linear_momentum
+            composite_momentum = G[i] @ S  # at unit rate, in the body's frame
+            J[:, column] = J[:, column] + body.ratio * (R @ composite_momentum[3:])
     mass = sum(body.inertia.mass for body in model.bodies)
     return J * _mass_inverse(mass)
 
@@ -92,7 +94,8 @@ def com_jacobian(model: Model, q: Array) -> Array:
 def momentum(model: Model, q: Array, dq: Array) -> Array:
     """Spatial momentum P of the moving bodies at the base origin; (6,)."""
     T = joint_poses(model, q)
-    V, T_s = body_velocities(model, T, dq), base_poses(model, T)
+    V = body_velocities(model, T, dq)
+    T_s = base_poses(model, T)
     P = zeros(6)
     for i, body in enumerate(model.bodies):
         P = P + Ad(T_s[i]).inverse.T @ (body.inertia @ V[i])
@@ -100,7 +103,7 @@ def momentum(model: Model, q: Array, dq: Array) -> Array:
 
 
 def momentum_about_com(model: Model, q: Array, dq: Array) -> Array:
-    """Centroidal momentum: the spatial momentum about the centre of mass, axes of {s}; (6,)."""
+    """Centroidal momentum (6,): the momentum about the centre of mass, in the axes of {s}."""
     P = momentum(model, q, dq)
     angular, linear = P[:3], P[3:]
     angular_about_com = angular - so3.cross(center_of_mass(model, q), linear)

@@ -41,12 +41,14 @@ def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorL
     Both torques are given at the joints, (..., nv) each. A gear of efficiency η transmits the fraction η of the power that
     enters it, in either direction. At rest the motor carries the larger torque, T/η.
     """
-    driven, actuators = driven_velocities(model), model.actuators.values()
+    driven_entries = driven_velocities(model)
+    actuators = model.actuators.values()
     dq = motor_velocities(model, dq)
-    carried, rotor = motor_torques(model, carried), motor_torques(model, rotor)
-    dq, carried, rotor = (x[..., driven] for x in np.broadcast_arrays(dq, carried, rotor))
+    carried = motor_torques(model, carried)
+    rotor = motor_torques(model, rotor)
+    dq, carried, rotor = (x[..., driven_entries] for x in np.broadcast_arrays(dq, carried, rotor))
     gears = [(actuator.ratio, actuator.efficiency, actuator.no_load_torque) for actuator in actuators]
-    G, eta, no_load_torque = np.array(gears, float).reshape(-1, 3).T
+    G, eta, no_load_torque = np.array(gears, float).reshape(-1, 3).T  # also without actuators
     speed = G * dq
     direction = np.sign(G * moving(dq))  # 0 at rest
     torque = (gear_input(carried, dq, eta) + rotor) / G + no_load_torque * direction
@@ -83,12 +85,10 @@ class PowerBalance(NamedTuple):
 
 
 def power_balance(dq: Array, tau: Array, moving: Array, pushing: Array, lost: Array) -> PowerBalance:
-    """Power balance from τ and its parts M ddq + h (``moving``), Σ J'F (``pushing``) and friction (``lost``).
-
-    All are (..., nv).
-    """
+    """Power balance of torques (..., nv): τ and its parts M ddq + h (``moving``), Σ J'F (``pushing``), friction (``lost``)."""
 
     def power(torques: Array) -> Array:
+        """Power of torques at the velocities dq [W]."""
         return np.asarray(np.sum(torques * dq, axis=-1))
 
     return PowerBalance(power(tau), power(-moving), power(-pushing), power(-lost))

@@ -20,13 +20,23 @@ if TYPE_CHECKING:
     from .inertia import SpatialInertia
 
 
+_MOMENT_TOLERANCE = 1e-6
+"""Violation of a condition on the moments that is tolerated, over the sum of the principal moments."""
+_MOMENT_ROUNDING = 2e-15
+"""Rounding error of a principal moment, over the moments from which it was subtracted."""
+_MATRIX_TOLERANCE = 1e-6
+"""Deviation of a block of a matrix (6, 6) from its form that is tolerated, over the largest entry of the block."""
+_AXES_ROUNDING = 8 * np.finfo(float).eps
+"""Difference of two principal moments up to which they count as equal, over the sum of the moments."""
+
+
 def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
     """Physical consistency: the reasons, with amounts, why no real body has this inertia.
 
     Parameters
     ----------
-    size : float, size of the moments [kg m²] of which this inertia is a difference
-        Rounding errors of that size, such as after a change of frame, are not defects.
+    size : float, size of the moments [kg m²] whose difference this inertia is
+        Rounding errors of moments of that size, such as after a change of frame, are not defects.
 
     Returns
     -------
@@ -48,8 +58,9 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
     principal_moments, _ = G.principal()
     A, B, C = principal_moments.tolist()  # ascending
     # Moments about a distant origin leave a rounding error when moved to the centre of mass.
-    rounding_error = 2e-15 * max(size, abs(float(G.moment_about_origin.trace())))
-    tolerance = 1e-6 * abs(A + B + C) + rounding_error
+    moment_about_origin = abs(float(G.moment_about_origin.trace()))
+    rounding_error = _MOMENT_ROUNDING * max(size, moment_about_origin)
+    tolerance = _MOMENT_TOLERANCE * abs(A + B + C) + rounding_error
     problems = []
     if -tolerance > A:
         problems.append(
@@ -64,9 +75,9 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
 
 
 def nearest_consistent(G: SpatialInertia) -> SpatialInertia:
-    """Nearest inertia a real body can have: same mass and centre of mass, second moments clipped at zero.
+    """Nearest inertia a real body can have: same mass and centre of mass, eigenvalues of the second moments at least zero.
 
-    Nearest in the Frobenius norm of the second moments about the centre of mass.
+    It is the nearest in the Frobenius norm of the second moments about the centre of mass.
 
     Raises
     ------
@@ -145,23 +156,26 @@ class Repair:
         largest_moment = float(np.abs(moments_before).max())
         if not largest_moment:
             return 0.0
-        return float(np.abs(np.linalg.eigvalsh(self.moved)).max()) / largest_moment
+        changes = np.abs(np.linalg.eigvalsh(self.moved))
+        return float(changes.max()) / largest_moment
 
     def __str__(self) -> str:
         if not self.reasons:
             return "nothing to repair"
-        before, after = _moments_text(self.before), _moments_text(self.after)
-        change = np.abs(np.linalg.eigvalsh(self.moved)).max()
+        moments_before = _moments_text(self.before)
+        moments_after = _moments_text(self.after)
+        largest_change = np.abs(np.linalg.eigvalsh(self.moved)).max()
         return "\n".join(
             [
                 *self.reasons,
-                f"  principal moments  {before}  →  {after} kg m²",
-                f"  largest change     {number(change, 6)} kg m², {percent(self.largest, 3)} of the largest moment",
+                f"  principal moments  {moments_before}  →  {moments_after} kg m²",
+                f"  largest change     {number(largest_change, 6)} kg m², {percent(self.largest, 3)} of the largest moment",
             ]
         )
 
 
 def _moments_text(G: SpatialInertia) -> str:
+    """Principal moments without their unit, separated by commas."""
     moments, _ = G.principal()
     return ", ".join(number(moment, 6) for moment in moments + 0.0)  # no -0.0
 
@@ -173,8 +187,8 @@ def _moments_text(G: SpatialInertia) -> str:
 # optimisers and estimators need (Rucker and Wensing, "Smooth parameterization of rigid-body inertia", RA-L 7(2), 2022).
 
 _MAX_GYRATION_RADIUS = 100.0
-"""Largest radius of gyration [m] in a matrix (6, 6). With a larger one, the matrix is taken for that of a body below a
-centimetre with its linear part first. The matrix of a ball or a cube itself does not show the order of its parts."""
+"""Largest radius of gyration [m] in a matrix (6, 6). A larger one is taken for a body below a centimetre, written with the
+linear part first: the form of the matrix of a ball or a cube does not show the order of its parts."""
 
 
 def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
@@ -205,10 +219,12 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     h = so3.vee(0.5 * (coupling_block - coupling_block.T))
     inertia = cls.from_parameters(ten_parameters(mass_block.trace() / 3, h, I))
     # Blocks have tolerances of their own: kg m² and kg differ by a factor of a million for a body of a millimetre.
-    moment, mass = float(np.abs(moment_block).max()), float(np.abs(mass_block).max())
+    moment = float(np.abs(moment_block).max())
+    mass = float(np.abs(mass_block).max())
     roots = np.sqrt(np.repeat([moment, mass], 3))
+    entry_sizes = np.outer(roots, roots)  # of the coupling blocks: geometric mean of moment and mass
     deviation = np.abs(inertia.matrix - G)
-    if not (deviation <= 1e-6 * np.outer(roots, roots)).all():
+    if not (deviation <= _MATRIX_TOLERANCE * entry_sizes).all():
         raise InertiaError(
             "no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by "
             f"{printed(deviation.max(), 3)}. Is its linear part first? Then swap the blocks."
@@ -225,7 +241,7 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
 def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInertia:
     """Spatial inertia from the pseudo-inertia [[∫ r r' dm, m c], [m c', m]].
 
-    The inverse of :attr:`SpatialInertia.pseudo_inertia`.
+    Inverse function of :attr:`SpatialInertia.pseudo_inertia`.
 
     Parameters
     ----------
@@ -245,7 +261,7 @@ def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInert
 
 
 def log_cholesky(G: SpatialInertia) -> Array:
-    """Log-Cholesky parameters of an inertia: ten numbers that make up U in J = U U', where J is the pseudo-inertia.
+    """Log-Cholesky parameters of an inertia: ten numbers that determine U in J = U U', where J is the pseudo-inertia.
 
     U is the upper triangular matrix of Rucker and Wensing eq. 9.
 
@@ -294,38 +310,43 @@ def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialIne
     >>> SpatialInertia.from_log_cholesky(np.linspace(-1, 2, 10)).defects()
     []
     """
-    x = arguments.one(theta, "log-Cholesky parameters", 10)
-    if not np.isfinite(x).all():
-        raise ValueRangeError(f"log-Cholesky parameters must be finite, got {x}.")
-    alpha, d1, d2, d3, s12, s23, s13, *com = x.tolist()
+    parameters = arguments.one(theta, "log-Cholesky parameters", 10)
+    if not np.isfinite(parameters).all():
+        raise ValueRangeError(f"log-Cholesky parameters must be finite, got {parameters}.")
+    alpha, d1, d2, d3, s12, s23, s13, *com = parameters.tolist()
     with np.errstate(over="ignore", invalid="ignore"):
         m = np.exp(2.0 * alpha)
         U = np.array([[np.exp(d1), s12, s13], [0.0, np.exp(d2), s23], [0.0, 0.0, np.exp(d3)]])
         S = m * U @ U.T
     if not np.isfinite([m, S.trace()]).all():
-        raise ValueRangeError(f"log-Cholesky parameters overflow: mass exp(2 α) = {printed(m, 3)} kg; got {x}.")
+        raise ValueRangeError(
+            f"log-Cholesky parameters overflow: mass exp(2 α) = {printed(m, 3)} kg; got {parameters}."
+        )
     return cls.from_com(m, com, rotational_inertia(S))
 
 
 def principal_axes(moments: Array, axes: Array) -> Array:
     """Principal axes (3, 3) as a rotation; axes of repeated moments are aligned with the frame's axes.
 
-    Moments count as repeated if they differ by at most their rounding error, 8 eps of their sum.
+    ``moments`` (3,) ascend, and ``axes`` (3, 3) are their directions, in the columns. Moments that differ by at most
+    their rounding error count as repeated.
     """
-    is_repeated = np.diff(moments) <= 8 * np.finfo(float).eps * abs(moments.sum())  # first and second, second and third
+    # The first and second moment, the second and third.
+    is_repeated = np.diff(moments) <= _AXES_ROUNDING * abs(moments.sum())
     if is_repeated.all():
         return np.eye(3)
     axes = axes.copy()
     if is_repeated.any():
         single = 2 if is_repeated[0] else 0  # column of the axis whose moment is not repeated
+        next_column, last_column = (single + 1) % 3, (single + 2) % 3
         single_axis = axes[:, single]
         largest_component = single_axis[np.argmax(np.abs(single_axis))]
         single_axis *= np.copysign(1.0, largest_component)  # a view of the column: ``axes`` changes, too
-        e = np.eye(3)[np.argmin(np.abs(single_axis))]  # the coordinate axis nearest to perpendicular to the single axis
+        nearest_to_perpendicular = np.argmin(np.abs(single_axis))
+        e = np.eye(3)[nearest_to_perpendicular]  # coordinate axis
         e = e - (e @ single_axis) * single_axis
-        second, third = (single + 1) % 3, (single + 2) % 3
-        axes[:, second] = e / np.linalg.norm(e)
-        axes[:, third] = so3.cross(single_axis, axes[:, second])
+        axes[:, next_column] = e / np.linalg.norm(e)
+        axes[:, last_column] = so3.cross(single_axis, axes[:, next_column])
     axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])  # a rotation, not a reflection
     return axes
 

@@ -27,36 +27,39 @@ from .free_body_steps import (
 from .inertia import COMPOSITIONS, SpatialInertia
 from .rigid_body import common_frame
 
+_MAX_STATES = 1e8
+"""Largest number of recorded states."""
+
 
 def step_count(duration: float, dt: float, stride: int) -> int:
     """Number of steps that fill the duration, each at most ``dt``. Raises ValueRangeError for impossible arguments.
 
-    Every ``stride``-th state is kept.
+    ``stride`` is the number of steps from one recorded state to the next.
     """
     for name, value in (("duration", duration), ("dt", dt)):
         if not 0.0 < arguments.number(value, name) < np.inf:
             raise ValueRangeError(f"{name} is {value}, and must be a positive number of seconds.")
     if not (arguments.number(stride, "every") >= 1 and stride % 1 == 0):
         raise ValueRangeError(f"every is {stride}, and must be a whole number of steps, at least 1.")
-    if not float(duration) < 1e8 * stride * dt:
+    if not float(duration) < _MAX_STATES * stride * dt:
         raise ValueRangeError(
             f"a duration of {printed(duration)} s in steps of {printed(dt)} s, one in {stride} kept, makes more than 1e8 "
             "states. Keep fewer with every, or take a larger dt."
         )
-    rounded_ratio = duration / dt * (1.0 - 1e-12)  # a whole number of steps stays whole in spite of rounding
-    return max(1, int(np.ceil(rounded_ratio)))
+    step_ratio = duration / dt * (1.0 - 1e-12)  # a whole number of steps stays whole in spite of rounding
+    return max(1, int(np.ceil(step_ratio)))
 
 
 def constant_law(wrench: ArrayLike) -> WrenchLaw:
-    """Return a constant wrench (6,) as a function of the state."""
+    """Law that returns a constant wrench (6,) for every time, pose and twist."""
     F = six("wrench", wrench)
     return lambda _t, _T, _V: F
 
 
 def checked_law(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
-    """Function checked to take three arguments; all its labelled values must be in one frame.
+    """Law ``wrench``, checked to take three arguments; its labelled values must be in one frame.
 
-    ``frame`` is the body's frame, if it is known; otherwise the first labelled value determines it.
+    This is ``frame``, the body's frame, if it is known; otherwise the first labelled value determines it.
     """
     try:
         wrench_signature = signature(wrench)
@@ -71,12 +74,12 @@ def checked_law(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
                 f"T_sb (4, 4) and the body twist (6,): {problem}. Write lambda t, T, V: …"
             ) from None
 
-    common = frame
+    wrench_frame = frame
 
     def law(t: float, T: Array, V: Array) -> ArrayLike:
-        nonlocal common
+        nonlocal wrench_frame
         F = wrench(t, T, V)
-        common = common_frame(common, wrench=F)
+        wrench_frame = common_frame(wrench_frame, wrench=F)  # raises for another frame
         return F
 
     return law
@@ -92,7 +95,7 @@ _MAX_ENERGY_ERROR = 0.01
 
 @dataclass(frozen=True)
 class Drift:
-    """Drift of the invariants of a flight: momentum minus impulse, energy minus work. All relative; 0 is exact."""
+    """Drift of the invariants of a flight, momentum minus impulse and energy minus work. All numbers are relative."""
 
     momentum: float
     """Largest change of the spatial momentum about the origin of {s}, relative to its largest terms."""
@@ -135,11 +138,11 @@ class Flight:
     dt: float = np.nan
     """Requested step [s]."""
     step: float = np.nan
-    """Step taken [s], or with a tolerance the interval of the record; a whole number of them fills the duration."""
+    """Step taken [s]; with a tolerance, interval of the record. A whole number of steps fills the duration."""
     turn: float = 0.0
     """Largest rotation in one step [rad]; 0 if steps are adaptive or exact."""
     unseen: str = ""
-    """Change of the wrench within steps that the method does not resolve, as text; empty if none."""
+    """Text on a change of the wrench within steps, which the method does not resolve; empty if there is none."""
     drift: Drift = field(init=False)
     """Drift of momentum and energy."""
 
@@ -157,14 +160,15 @@ class Flight:
         l, f = self.momentum[:, :3], self.momentum[:, 3:]
         momentum_errors = np.abs(self.momentum - self.impulse - self.momentum[0])
         largest_f = np.abs(f).max()
-        largest_l = np.abs(l).max() + np.abs(p).max() * largest_f  # of the terms that make up l
-        momentum_drift = max(
-            _ratio(momentum_errors[:, :3].max(), largest_l), _ratio(momentum_errors[:, 3:].max(), largest_f)
-        )
+        largest_l = np.abs(l).max() + np.abs(p).max() * largest_f  # of the terms whose sum is l
+        angular_drift = _ratio(momentum_errors[:, :3].max(), largest_l)
+        linear_drift = _ratio(momentum_errors[:, 3:].max(), largest_f)
+        momentum_drift = max(angular_drift, linear_drift)
         energy_scale = float(self.energy.max()) or 1.0  # 1 J for a body at rest
         energy_errors = (self.energy - self.work - self.energy[0]) / energy_scale
-        t = self.times / self.times[-1] - 0.5
-        energy_trend = float((t - t.mean()) @ energy_errors / ((t - t.mean()) @ t))
+        t = self.times / self.times[-1] - 0.5  # relative to the duration
+        t_deviations = t - t.mean()
+        energy_trend = float(t_deviations @ energy_errors / (t_deviations @ t))
         rotation_error = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
         energy_drift = float(np.abs(energy_errors).max())
         remarks = tuple(self._remarks(energy_drift))
@@ -173,7 +177,7 @@ class Flight:
 
     def _remarks(self, energy_drift: float) -> Iterator[str]:
         """Remarks on the steps, on what they do not resolve, and on the energy."""
-        if abs(self.step - self.dt) > 1e-9 * self.dt:
+        if abs(self.step - self.dt) > 1e-9 * self.dt:  # beyond rounding
             yield (
                 f"steps of {number(self.step, 6)} s, not {number(self.dt, 6)} s, so that a whole number fills "
                 f"{printed(self.times[-1])} s"
@@ -202,6 +206,10 @@ def _ratio(error: float, size: float) -> float:
 
 _PROBES_PER_STEP = 3.0
 """Maximum step of DOP853 in intervals between probes: its stages are at most 0.27 of a step apart."""
+_MIN_MOMENT_RATIO = 1e-14
+"""Smallest over largest principal moment of a rod or point, whose rotation about itself is not defined."""
+_EQUAL_MOMENTS = 1e-6
+"""Difference of two principal moments, over the largest, up to which the rotation is computed exactly."""
 
 
 def fly(
@@ -219,7 +227,7 @@ def fly(
     """Free motion of a body; the arguments are those of :meth:`twistwrench.RigidBody.fly`."""
     moments, axes = inertia.principal()
     smallest, _, largest = moments
-    if not (inertia.mass > 0 and smallest > 1e-14 * largest):
+    if not (inertia.mass > 0 and smallest > _MIN_MOMENT_RATIO * largest):
         raise InertiaError(
             f"a body of mass {printed(inertia.mass)} kg with principal moments {moments.tolist()} kg m² has no definite "
             "rotation. Give it mass, and some thickness."
@@ -235,29 +243,33 @@ def fly(
     pose = arguments.pose(arguments.finite(arguments.one(T0, "T0", 4, 4), "T0", 4, 4), "T0")
     start = body.state(pose, six("V0", V0))
     recorded_steps = np.append(np.arange(0, n, every), n)
+    composition = COMPOSITIONS[order]
     law: WrenchLaw | None = None
-    spacing = np.inf  # of probes; a constant wrench needs none
+    probe_interval = np.inf  # a constant wrench needs no probes
     if callable(wrench):
         law = checked_law(wrench, frame)
-        spacing = probe_spacing(h, float(duration))
+        probe_interval = probe_spacing(h, float(duration))
     elif wrench is not None:
         law = constant_law(wrench)
-    missed = MissedImpulse(COMPOSITIONS[order], h, spacing)
+    missed = MissedImpulse(composition, h, probe_interval)
     if tolerance is not None:
-        rows = adaptive_motion(body, start, recorded_steps * h, law, tolerance, _PROBES_PER_STEP * spacing)
+        max_step = _PROBES_PER_STEP * probe_interval
+        record = adaptive_motion(body, start, recorded_steps * h, law, tolerance, max_step)
     elif law is None:
-        rows = torque_free_motion(body, start, h, n, every, COMPOSITIONS[order])
+        record = torque_free_motion(body, start, h, n, every, composition)
     else:
-        rows = motion_under_wrench(body, start, h, n, every, COMPOSITIONS[order], law, missed)
-    q, p, l, f, impulse, work = rows
+        record = motion_under_wrench(body, start, h, n, every, composition, law, missed)
+    q, p, l, f, impulse, work = record
     T, V = body.motion(q, p, l, f)
     P = inertia @ V
     energy = 0.5 * np.einsum("ij,ij->i", V, P)
-    is_exact = law is None and np.diff(moments).min() <= 1e-6 * largest  # two moments are equal
+    has_equal_moments = np.diff(moments).min() <= _EQUAL_MOMENTS * largest
+    is_exact = law is None and has_equal_moments
     turn = 0.0
     if not is_exact and tolerance is None:
         turn = h * float(np.linalg.norm(V[:, :3], axis=-1).max())
     momentum = se3.Ad(se3.inverse(T)).T @ P
-    largest_linear = max(float(np.abs(f).max()), float(np.abs(impulse[:, 3:]).sum(axis=-1).max()))
-    remark = missed.remark(largest_linear, float(np.abs(l).max()))
+    largest_linear_impulse = float(np.abs(impulse[:, 3:]).sum(axis=-1).max())
+    largest_linear = max(float(np.abs(f).max()), largest_linear_impulse)
+    remark = missed.remark(largest_linear, angular=float(np.abs(l).max()))
     return Flight(recorded_steps * h, T, V, momentum, energy, impulse, work, float(dt), h, turn, remark)

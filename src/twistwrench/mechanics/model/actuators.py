@@ -63,14 +63,14 @@ class Thermal:
 
 
 class Rating(NamedTuple):
-    """Names of a number of a motor's data sheet in files, tables and messages."""
+    """Names of one number of a motor's data sheet, in files, tables and messages."""
 
     kind: str
     """Kind of its unit: a key of ``UNITS`` of :mod:`twistwrench.formats.yaml`."""
     head: str = ""
-    """Head of its column in tables; empty if it is left out of them."""
+    """Head of its column in tables; empty if tables leave it out."""
     load: str = ""
-    """Load that it bounds, such as ``peak current``; empty if it bounds none."""
+    """Load that the number bounds, such as ``peak current``; empty if it bounds none."""
 
 
 RATINGS = {
@@ -143,7 +143,9 @@ class Motor:
         -------
         voltage : (...) array [V]
         """
-        i, w, di = np.asarray(current, float), np.asarray(speed, float), np.asarray(current_rate, float)
+        i = np.asarray(current, float)
+        w = np.asarray(speed, float)
+        di = np.asarray(current_rate, float)
         return np.asarray(self.torque_constant * w + self.resistance * i + self.inductance * di)
 
     def heat(self, current: ArrayLike) -> Array:
@@ -179,7 +181,7 @@ class Motor:
         w = np.asarray(speed, float)
         max_current = self.current_peak if current is None else current
         torque_by_current = self.torque_constant * max_current
-        if self.resistance == 0.0:
+        if self.resistance == 0.0:  # any current flows below the no-load speed, none above it
             torque_by_voltage = np.where(self.torque_constant * w <= self.voltage, np.inf, -np.inf)
         else:
             torque_by_voltage = self.torque_constant * (self.voltage - self.torque_constant * w) / self.resistance
@@ -211,10 +213,11 @@ class Rotor:
 
     def __post_init__(self) -> None:
         for name in ("axis", "place"):
-            if getattr(self, name) is not None:
-                array = np.array(getattr(self, name), float)
+            value = getattr(self, name)
+            if value is not None:
+                array = np.array(value, float)
                 array.setflags(write=False)
-                object.__setattr__(self, name, array)
+                object.__setattr__(self, name, array)  # the dataclass is frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +231,7 @@ class Actuator:
     efficiency: float = 1.0
     """Efficiency η of the gear: output power over input power, in either direction."""
     no_load_torque: float = 0.0
-    """Friction of the turning gear at its input [N m], whatever it transmits."""
+    """Friction of the turning gear at its input [N m], at any load."""
     motor: Motor | None = None
     """Motor; None if not described."""
     rotor: Rotor | None = None
@@ -239,11 +242,14 @@ class Actuator:
 
 # ── Validation of a drive's parameters
 
-_MIN_DRIVE_NUMBER, LARGEST = 1e-18, 1e12
-"""Smallest and largest number of a drive in SI units; their squares neither underflow nor overflow."""
-
-_MIN_RATIO, _MAX_RATIO = 1e-6, 1e9
-"""Smallest and largest gear ratio: rad/rad, or rad/m for a spindle; a thread of 1 nm pitch has 6e9 rad/m."""
+LARGEST = 1e12
+"""Largest number of a drive in SI units; its square does not overflow."""
+_MIN_DRIVE_NUMBER = 1e-18
+"""Smallest number of a drive in SI units; its square does not underflow."""
+_MIN_RATIO = 1e-6
+"""Smallest gear ratio: rad/rad, or rad/m for a spindle."""
+_MAX_RATIO = 1e9
+"""Largest gear ratio: rad/rad, or rad/m for a spindle; a thread of 1 nm pitch has 6e9 rad/m."""
 
 
 def check_actuator(actuator: Actuator) -> None:
@@ -255,19 +261,20 @@ def check_actuator(actuator: Actuator) -> None:
 def _problems(actuator: Actuator) -> Iterator[str]:
     """Impossible numbers, each with its remedy, as the end of a sentence."""
     motor, rotor = actuator.motor, actuator.rotor
-    largest = printed(LARGEST)
+    largest_text = printed(LARGEST)
     if not _MIN_RATIO <= abs(actuator.ratio) <= _MAX_RATIO:
         bounds = f"from {printed(_MIN_RATIO)} to {printed(_MAX_RATIO)}"
         yield f"the ratio {printed(actuator.ratio)}; it must be a number {bounds}, or minus one."
     if not 0 < actuator.efficiency <= 1:
         yield f"the efficiency {printed(actuator.efficiency)}; it must be above 0 and at most 1."
     if not 0 <= actuator.no_load_torque <= LARGEST:
-        yield f"the no-load torque {printed(actuator.no_load_torque)} N m; it must be at least 0 and at most {largest}."
+        yield f"the no-load torque {printed(actuator.no_load_torque)} N m; it must be at least 0 and at most {largest_text}."
     if not (_is_in_range(actuator.stiffness) or actuator.stiffness == np.inf):
         stiffness = printed(actuator.stiffness)
-        yield f"the stiffness {stiffness}; it must be above 0 and at most {largest}. Leave it out where the gear is rigid."
+        yield f"the stiffness {stiffness}; it must be above 0 and at most {largest_text}. Leave it out where the gear is rigid."
     if rotor is not None:
-        if not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST):
+        is_place_possible = np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST
+        if not is_place_possible:
             yield f"a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite."
         if not (_is_in_range(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
             yield f"a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
@@ -288,18 +295,19 @@ def _problems(actuator: Actuator) -> Iterator[str]:
         if name == "thermal":
             continue
         may_be_zero = name in ("resistance", "inductance")
-        default = 0 if may_be_zero else np.inf
-        if not (_is_in_range(value) or value == default):
+        value_if_not_given = 0 if may_be_zero else np.inf
+        if not (_is_in_range(value) or value == value_if_not_given):
+            title = name.replace("_", " ")
             bound = "at least" if may_be_zero else "above"
-            yield f"{name.replace('_', ' ')} {printed(value)}; it must be {bound} 0 and at most {largest}."
+            yield f"{title} {printed(value)}; it must be {bound} 0 and at most {largest_text}."
 
 
 def _is_possible(thermal: Thermal) -> bool:
-    """True if resistances and times are positive, those of the winding both or none, and temperatures rise."""
-    positive = [thermal.housing_ambient, thermal.housing_time]
+    """True if resistances and times are positive, except two zeros of the winding, and temperatures possible."""
+    positive_numbers = [thermal.housing_ambient, thermal.housing_time]
     if thermal.winding_housing or thermal.winding_time:
-        positive += [thermal.winding_housing, thermal.winding_time]
-    if not all(map(_is_in_range, positive)):
+        positive_numbers += [thermal.winding_housing, thermal.winding_time]
+    if not all(map(_is_in_range, positive_numbers)):
         return False
     return bool(np.isfinite(thermal.coefficient) and thermal.maximum > thermal.reference)
 

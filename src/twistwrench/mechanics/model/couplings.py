@@ -46,21 +46,22 @@ class Coupling:
 
     def __post_init__(self, inverted: bool) -> None:
         A = np.array(self.motor_per_joint, float)
-        n, m = len(self.joints), len(self.motors)
+        n = len(self.joints)
+        motor_count = len(self.motors)
         for names, kind in ((self.motors, "motor"), (self.joints, "joint")):
-            repeated = [name for name, count in Counter(names).items() if count > 1]
-            if repeated:
-                raise ModelError(f"coupling {self.name!r} names {kind} {repeated[0]!r} twice. Name each once.")
-        if n != m or A.shape != (n, n) or not n:
+            repeated_names = [name for name, count in Counter(names).items() if count > 1]
+            if repeated_names:
+                raise ModelError(f"coupling {self.name!r} names {kind} {repeated_names[0]!r} twice. Name each once.")
+        if n == 0 or motor_count != n or A.shape != (n, n):
             shape = " × ".join(map(str, A.shape))
             raise ModelError(
-                f"coupling {self.name!r} has a matrix of {shape} for {m} motors and {n} joints. It needs as many motors as "
-                f"joints, and a square matrix."
+                f"coupling {self.name!r} has a matrix of {shape} for {motor_count} motors and {n} joints. It needs as many "
+                f"motors as joints, and a square matrix."
             )
         if not (np.isfinite(A).all() and np.abs(A).max() <= LARGEST):
             raise ModelError(f"coupling {self.name!r} has the matrix {A.tolist()}; its numbers must be finite.")
-        lengths = np.linalg.norm(A, axis=0)
-        unit_columns = A / np.where(lengths > 0, lengths, 1.0)
+        column_lengths = np.linalg.norm(A, axis=0)
+        unit_columns = A / np.where(column_lengths > 0, column_lengths, 1.0)  # zero columns stay zero
         sigma = np.linalg.svd(unit_columns, compute_uv=False)
         rank = int((sigma > _MIN_SINGULAR_RATIO * sigma[0]).sum())
         if rank < n:
@@ -81,10 +82,10 @@ class Coupling:
     def label(self, motor: str) -> str:
         """Motor with the joints that it loads: ``motor m5 (wrist_2_joint and wrist_3_joint)``."""
         row = self.motor_per_joint[self.motors.index(motor)]
-        joints = [joint for joint, entry in zip(self.joints, row, strict=True) if entry]
-        names = listed(joints)
-        if len(joints) < 3:
-            names = " and ".join(joints)
+        loaded_joints = [joint for joint, entry in zip(self.joints, row, strict=True) if entry]
+        names = listed(loaded_joints)
+        if len(loaded_joints) < 3:
+            names = " and ".join(loaded_joints)
         return f"motor {motor} ({names})"
 
 
@@ -97,16 +98,16 @@ def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
     all_couplings = (*model.couplings, *new_couplings)
     _check_one_coupling_each(all_couplings, "motor")
     _check_one_coupling_each(all_couplings, "joint")
-    model_joints = {body.joint.name for body in model.bodies}
-    indices: list[int] = []
+    joint_names = {body.joint.name for body in model.bodies}
+    indices: list[int] = []  # of the coupled joints in dq
     coupled_joints: set[str] = set()
     for coupling in new_couplings:
         coupled_joints.update(coupling.joints)
         indices += [model.drive_index(joint) for joint in coupling.joints]
-        namesakes = [motor for motor in coupling.motors if motor in model_joints]
-        if namesakes:
+        ambiguous_motors = [motor for motor in coupling.motors if motor in joint_names]
+        if ambiguous_motors:
             raise ModelError(
-                f"motor {namesakes[0]!r} of coupling {coupling.name!r} has the name of a joint. Rename the motor."
+                f"motor {ambiguous_motors[0]!r} of coupling {coupling.name!r} has the name of a joint. Rename the motor."
             )
     for actuator in model.actuators.values():
         if actuator.joint in coupled_joints and actuator.rotor is not None:
@@ -118,7 +119,7 @@ def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
 
 def _check_one_coupling_each(couplings: Iterable[Coupling], kind: str) -> None:
     """Raise ModelError if a motor or joint, selected by ``kind``, is in two couplings."""
-    coupling_names: dict[str, str] = {}  # by motor or joint
+    coupling_names: dict[str, str] = {}  # name of its coupling, by motor or joint
     for coupling in couplings:
         members = coupling.motors if kind == "motor" else coupling.joints
         for member in members:
@@ -136,20 +137,22 @@ def without_couplings(model: Model) -> Model:
     return replace(_without_drives(model, indices, set(model.coupled_motors)), couplings=())
 
 
-def _without_drives(model: Model, indices: list[int], driven: set[str]) -> Model:
-    """Model without armature, friction and effort at some indices of dq, and without actuators of the ``driven`` joints."""
-    effort, armature, friction = model.limits.effort.copy(), model.armature.copy(), model.friction
+def _without_drives(model: Model, indices: list[int], joints: set[str]) -> Model:
+    """Model without armature, friction and effort at some indices of dq, and without actuators of the named ``joints``."""
+    effort = model.limits.effort.copy()
+    armature = model.armature.copy()
+    friction = model.friction
     effort[indices] = np.inf
     armature[indices] = 0.0
     for k in indices:
         friction = friction.replaced(k, viscous=0.0, coulomb=0.0, static=0.0, stribeck=1.0, load=0.0)
-    actuators = {name: actuator for name, actuator in model.actuators.items() if actuator.joint not in driven}
+    actuators = {name: actuator for name, actuator in model.actuators.items() if actuator.joint not in joints}
     limits = replace(model.limits, effort=effort)
     return replace(model, limits=limits, armature=armature, friction=friction, actuators=actuators)
 
 
 def refuse_couplings(model: Model, what: str) -> None:
-    """Raise ModelError if joints of the model are coupled: ``what`` treats motors as if each drove one joint."""
+    """Raise ModelError if joints of the model are coupled; ``what`` names the function, which needs one joint per motor."""
     if model.couplings:
         joints: list[str] = []
         for coupling in model.couplings:
@@ -162,32 +165,32 @@ def refuse_couplings(model: Model, what: str) -> None:
 
 
 def refuse_coupled(model: Model, joints: Iterable[str], what: str) -> None:
-    """Raise ModelError if one of these joints is coupled: ``what`` cannot be done to it alone."""
+    """Raise ModelError if one of these joints is coupled. ``what`` ends the message: "cannot be locked alone"."""
     for coupling in model.couplings:
-        coupled = [joint for joint in coupling.joints if joint in joints]
-        if coupled:
+        coupled_joints = [joint for joint in coupling.joints if joint in joints]
+        if coupled_joints:
             raise ModelError(
-                f"joint {coupled[0]!r} is moved by motors {listed(coupling.motors)} together with the other joints of coupling "
-                f"{coupling.name!r}, and {what}."
+                f"joint {coupled_joints[0]!r} is moved by motors {listed(coupling.motors)} together with the other joints of "
+                f"coupling {coupling.name!r}, and {what}."
             )
 
 
 def coupled_entries(model: Model) -> Array:
     """True for entries of dq that belong to coupled joints, (nv,): friction, armature and effort there belong to motors."""
-    mask = np.zeros(model.nv, bool)
+    is_coupled = np.zeros(model.nv, bool)
     for indices, _, _ in model.coupled:
-        mask[indices] = True
-    return mask
+        is_coupled[indices] = True
+    return is_coupled
 
 
 def drive_turns(model: Model) -> list[bool]:
-    """True for entries of dq whose drive turns, (nv,): of coupled motors, and of joints that turn."""
-    turning = [turns for body in model.leaders for turns in body.joint.turning]
-    return np.logical_or(turning, coupled_entries(model)).tolist()
+    """True for entries of dq (nv,) whose drive turns: entries of coupled motors, and of joints that turn."""
+    joint_turns = [turns for body in model.leaders for turns in body.joint.turning]
+    return np.logical_or(joint_turns, coupled_entries(model)).tolist()
 
 
 def joint_effort(model: Model, effort: Array) -> Array:
-    """Efforts (nv,) of joints by themselves: infinite for coupled joints, whose efforts are limits of motors."""
+    """Efforts (nv,) that limit single joints: infinite for coupled joints, whose entries limit motors."""
     return np.where(coupled_entries(model), np.inf, effort)
 
 
@@ -195,7 +198,7 @@ def joint_effort(model: Model, effort: Array) -> Array:
 
 
 def motor_velocities(model: Model, dq: Any) -> Any:
-    """Velocities of the drives, A q̇; those of the joints that are not coupled."""
+    """Velocities of the drives, A q̇; joints that are not coupled keep theirs."""
     return _block_products(model, dq, inverse=False, transposed=True)
 
 

@@ -23,7 +23,7 @@ __all__ = [
 
 
 BEARING_UNITS = {"axial": "N", "radial": "N", "tilting": "N m"}
-"""Kinds of limits of bearings, force along and across the axis and moment across it, with their units."""
+"""Units of the limits of bearings by kind: force along the axis, force across it, moment across it."""
 BEARINGS = tuple(BEARING_UNITS)
 """Kinds of limits of bearings."""
 
@@ -34,7 +34,7 @@ FASTEST_SLIDE = 100.0
 
 
 def known_velocities(velocity: Array, turning: Array) -> Array:
-    """Velocity limits of joints; inf where they are missing or placeholders, far above what joints reach.
+    """Velocity limits of joints; inf for missing limits, and for placeholders far above the speeds of joints.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ def known_velocities(velocity: Array, turning: Array) -> Array:
     >>> known_velocities(np.array([3.0, 1e9]), np.array([True, False])).tolist()
     [3.0, inf]
     """
-    fastest = np.where(turning, FASTEST_TURN, FASTEST_SLIDE)
-    return np.where(velocity < fastest, velocity, np.inf)
+    smallest_placeholder = np.where(turning, FASTEST_TURN, FASTEST_SLIDE)
+    return np.where(velocity < smallest_placeholder, velocity, np.inf)
 
 
 def bears(limits: Limits) -> bool:
@@ -108,14 +108,14 @@ class Limits:
     radial: Array = None  # type: ignore[assignment]
     """Largest forces on the bearings across the axes [N]."""
     tilting: Array = None  # type: ignore[assignment]
-    """Largest moments on the bearings across the axes, of sliding joints about any axis [N m]."""
+    """Largest moments on the bearings across the axes; for sliding joints about any axis [N m]."""
 
     if not TYPE_CHECKING:  # type checkers reject it
 
         def __getitem__(self, kind: str) -> NoReturn:
             """Raise TypeError: limits are attributes."""
-            name = kind if kind in vars(self) else "effort"
-            raise TypeError(f"Limits has attributes, not keys: use robot.limits.{name}")
+            attribute = kind if kind in vars(self) else "effort"  # an example, if there is no such kind
+            raise TypeError(f"Limits has attributes, not keys: use robot.limits.{attribute}")
 
     def __post_init__(self) -> None:
         infinite = np.full(np.shape(self.velocity), np.inf)
@@ -135,7 +135,8 @@ class Limits:
         """
         sizes = np.abs(np.stack([self.lower, self.upper]))
         largest = np.max(np.where(np.isfinite(sizes), sizes, 0.0), axis=0)
-        return np.asarray(TOLERANCE * np.where(largest > 0.0, largest, 1.0))
+        scale = np.where(largest > 0.0, largest, 1.0)
+        return np.asarray(TOLERANCE * scale)
 
     def exceeded(self, positions: Any) -> Array:
         """True for each joint beyond a position limit by more than :attr:`tolerance`.
@@ -169,10 +170,10 @@ class Limits:
         >>> tw.robots.ur5().limits.select([5, 0]).effort.tolist()
         [28.0, 150.0]
         """
-        return Limits(*(getattr(self, kind.name)[indices] for kind in fields(Limits)))
+        return Limits(*(getattr(self, limit.name)[indices] for limit in fields(Limits)))
 
     def has_unit(self, kind: str) -> Array:
-        """True for each joint whose limit of a kind was given with its unit; for no joint if the limits are those of a file.
+        """True for each joint whose limit of a kind was given with its unit; limits of files are given without.
 
         Parameters
         ----------
@@ -190,7 +191,7 @@ class Limits:
         return np.zeros(np.shape(getattr(self, kind)), bool)
 
     def acceleration_at(self, dq: Array, ddq: Array) -> Array:
-        """Acceleration limit at a state: the deceleration limit if a joint slows down; at rest the larger of the two.
+        """Acceleration limit at a state: for a joint that slows down the deceleration limit, at rest the larger of the two.
 
         Parameters
         ----------
@@ -208,7 +209,8 @@ class Limits:
         [[2.0], [5.0], [5.0]]
         """
         speed = np.abs(dq)
-        largest_speed = speed.max(initial=0.0, axis=tuple(range(speed.ndim - 1)))  # of each joint
+        batch_axes = tuple(range(speed.ndim - 1))
+        largest_speed = speed.max(initial=0.0, axis=batch_axes)  # of each joint
         is_at_rest = speed <= TOLERANCE * largest_speed
         larger = np.maximum(self.acceleration, self.deceleration)
         limit_in_motion = np.where(dq * ddq < 0, self.deceleration, self.acceleration)
@@ -224,7 +226,7 @@ class StatedLimits(Limits):
     with_unit: Array = field(kw_only=True)
     """(kinds, nv) of bool, in the order of the fields of :class:`Limits`: limits that the user gave with their unit."""
     of_locked: tuple[str, ...] = field(default=(), kw_only=True)
-    """Locked joints whose limits were given, and are ignored."""
+    """Names of the locked joints whose limits were given; these limits are ignored."""
 
     def has_unit(self, kind: str) -> Array:
         """True for each joint whose limit of a kind was given with its unit, so that the unit is not doubted.
@@ -255,11 +257,11 @@ NONE_GIVEN = "friction is requested, but the robot file has none; add it with ro
 
 @dataclass(frozen=True, eq=False)
 class Friction:
-    """Joint friction, (nv,) each: the torque that keeps a joint moving at the velocity ``dq``.
+    """Joint friction, (nv,) each: parameters of the torque that keeps a joint moving at the velocity ``dq``.
 
     ``viscous dq + sign(dq) (coulomb + (static - coulomb) exp(-(dq / stribeck)²) + load |torque carried|)``.
 
-    The law returns 0 at rest, where friction balances the load up to ``static``.
+    At rest it is 0, and friction balances a load up to ``static``.
     """
 
     viscous: Array
@@ -284,8 +286,9 @@ class Friction:
     @classmethod
     def plain(cls, viscous: Array, coulomb: Array) -> Friction:
         """Viscous and Coulomb friction only, as in robot files."""
-        viscous, coulomb = np.array(viscous, float), np.array(coulomb, float)
-        return cls(viscous, coulomb, coulomb.copy(), np.ones_like(coulomb), np.zeros_like(coulomb))
+        viscous = np.array(viscous, float)
+        coulomb = np.array(coulomb, float)
+        return cls(viscous, coulomb, static=coulomb.copy(), stribeck=np.ones_like(coulomb), load=np.zeros_like(coulomb))
 
     def select(self, indices: Sequence[int] | Array) -> Friction:
         """Friction of selected velocities, in that order."""
@@ -305,9 +308,9 @@ class Friction:
 
     def moved(self, index: int, to: int) -> Friction:
         """Friction with the entry of one velocity moved to another index; the old index is left without friction."""
-        law = {name: float(getattr(self, name)[index]) for name in LAWS}
-        no_friction = dict.fromkeys(law, 0.0) | {"stribeck": 1.0}
-        return self.replaced(to, **law).replaced(index, **no_friction)
+        moved_values = {name: float(getattr(self, name)[index]) for name in LAWS}
+        no_friction = dict.fromkeys(LAWS, 0.0) | {"stribeck": 1.0}
+        return self.replaced(to, **moved_values).replaced(index, **no_friction)
 
     @property
     def any(self) -> bool:

@@ -24,6 +24,8 @@ from .tree import find_tree
 if TYPE_CHECKING:
     from .couplings import Coupling
 
+_MIN_SIZE_SHARE = 1e-3
+"""Size of mass, first moment or moments of inertia, relative to the largest entry, below which it is not the reference."""
 _MAX_ROUNDING = 1e-13
 """Largest difference between a body's inertia and the sum of its links' inertias, relative to the largest entry."""
 
@@ -48,9 +50,9 @@ class ModelParts:
     joints: list[JointEntry] = field(default_factory=list)
     """Joints depth first, moving ones in the order of q; armature and friction are stored separately."""
     whole: dict[str, SpatialInertia] = field(default_factory=dict)
-    """Inertia of the root and of each link on a moving joint, including everything fixed to it."""
+    """Whole inertia of the root and of each link on a moving joint, including everything fixed to it."""
     friction: dict[str, Friction] = field(default_factory=dict)
-    """Friction of each joint with coordinates, by name, (nv of the joint,) each; also of motors behind elastic gears."""
+    """Friction of each joint with coordinates, and of each motor behind an elastic gear; by name, (nv of the joint,) each."""
     armature: dict[str, Array] = field(default_factory=dict)
     """Armature by joint, without rotors."""
     actuators: list[Actuator] = field(default_factory=list)
@@ -85,7 +87,8 @@ class _Disassembly:
             if not body.joint.moves_body:
                 self.motors[model.actuators[body.joint.name].joint] = body
         self.leaders = {body.v_index: body for body in model.leaders}
-        self.link_names = list(dict.fromkeys([*model.frames, *self.bodies]))
+        """Leading body by its first index in dq."""
+        self.link_names = list(dict.fromkeys([*model.frames, *self.bodies]))  # each name once
         remaining_links = set(self.link_names)
         self.parents = {link: self._carrier(link, remaining_links) for link in remaining_links if link in model.mounts}
 
@@ -99,10 +102,13 @@ class _Disassembly:
     def parts(self) -> ModelParts:
         """All parts of the model."""
         model = self.model
-        first_link = next((link for link in self.link_names if not self.parents.get(link, "")), "world")
+        links_without_carrier = [link for link in self.link_names if not self.parents.get(link, "")]
+        first_link = links_without_carrier[0] if links_without_carrier else "world"
         floating = first_link in self.bodies
-        is_locked = not floating and first_link in self.parents  # a locked floating root: fixed to a new root link
-        root = unused("world", {*self.link_names}) if is_locked else first_link
+        is_locked = not floating and first_link in self.parents  # a locked floating joint carries it
+        root = first_link
+        if is_locked:
+            root = unused("world", {*self.link_names})  # new link that the first link is fixed to
         parts = ModelParts(
             model.name, model.gravity, model.snap, model.source, root=root, floating=floating,
             actuators=list(model.actuators.values()), couplings=list(model.couplings), payloads=model.payloads,
@@ -126,10 +132,11 @@ class _Disassembly:
         whole_inertias = {i: body.inertia for i, body in enumerate(model.bodies) if body.joint.moves_body}
         whole_inertias[BASE] = model.base_inertia
         for body in model.bodies:
-            if not body.joint.moves_body and (self.extra or is_in_link_mass(model, body)):
+            is_rotor = not body.joint.moves_body
+            if is_rotor and (self.extra or is_in_link_mass(model, body)):
                 rotor_inertia = body.inertia.in_frame(body.placement)
                 whole_inertias[body.parent] = whole_inertias[body.parent] + rotor_inertia
-        remainders = dict(whole_inertias)  # of each body, without its links
+        remainders = dict(whole_inertias)  # inertia of each body without its links
         for name, frame in model.frames.items():
             inertia = model.link_inertias.get(name, SpatialInertia.zero())
             if inertia.parameters.any():
@@ -146,7 +153,7 @@ class _Disassembly:
         parts.whole.setdefault(parts.root, whole_inertias[BASE])
 
     def _depth_first(self, root: str) -> Iterator[str]:
-        """Links depth first, in an order that yields the bodies in their order."""
+        """Links depth first; of several children, the one with the lowest body index first, so that bodies keep their order."""
         children: dict[str, list[str]] = {name: [] for name in (root, *self.link_names)}
         for link in self.link_names:
             if link != root and link in self.parents:
@@ -166,11 +173,11 @@ class _Disassembly:
         while stack:
             link = stack.pop()
             yield link
-            in_order = sorted(children[link], key=first_body.__getitem__)
-            stack.extend(reversed(in_order))
+            sorted_children = sorted(children[link], key=first_body.__getitem__)
+            stack.extend(reversed(sorted_children))  # the last of the stack is taken first
 
     def _pose(self, link: str) -> tuple[int, Array]:
-        """Body that a link is fixed to, and the link's pose in it."""
+        """Index of the body that a link is fixed to, and the link's pose in it."""
         if link in self.bodies:
             return self.bodies[link], np.eye(4)
         if link in self.model.frames:
@@ -180,25 +187,29 @@ class _Disassembly:
 
     def _joint(self, link: str) -> JointEntry:
         """Joint that carries a link, with its limits; a follower gets its mimic entry and its own limits."""
-        model, parent = self.model, self.parents[link]
+        model = self.model
+        parent = self.parents[link]
         _, name = model.mounts[link]
         _, T_parent = self._pose(parent)
         if link not in self.bodies:
             _, T = self._pose(link)
             return fixed_entry(name, parent, link, _relative_pose(T_parent, T))
         body = model.bodies[self.bodies[link]]
-        _, columns = body.places
-        limits = model.limits.select(columns)
+        _, dq_indices = body.places
+        limits = model.limits.select(dq_indices)
         if name in self.motors:  # behind an elastic gear; the motor has the effort limit
-            _, motor_columns = self.motors[name].places
-            limits = replace(limits, effort=model.limits.effort[motor_columns])
+            _, motor_indices = self.motors[name].places
+            limits = replace(limits, effort=model.limits.effort[motor_indices])
         entry = _entry(body.joint, parent, link, _relative_pose(T_parent, body.placement), limits)
         if not body.follows:
             return entry
         leader = self.leaders[body.v_index]
-        infinite, effort = np.full(1, np.inf), np.array([body.effort])
-        if body.ratio:  # a negative ratio exchanges lower and upper
-            lower, upper = np.sort(body.ratio * np.array([limits.lower, limits.upper]) + body.offset, axis=0)
+        infinite = np.full(1, np.inf)
+        effort = np.array([body.effort])
+        if body.ratio:
+            leader_range = np.array([limits.lower, limits.upper])
+            ends = body.ratio * leader_range + body.offset
+            lower, upper = np.sort(ends, axis=0)  # a negative ratio exchanges them
             follower_limits = Limits(lower, upper, infinite, effort)
         else:
             follower_limits = Limits(-infinite, infinite, infinite, effort)
@@ -206,11 +217,14 @@ class _Disassembly:
 
     def _add_losses(self, parts: ModelParts, body: Body) -> None:
         """Store friction and armature of a joint, and of the motor behind its elastic gear."""
-        motor = self.motors.get(body.joint.name)
-        for drive in filter(None, (body, motor)):
-            _, columns = drive.places
-            parts.friction[drive.joint.name] = self.model.friction.select(np.arange(columns.start, columns.stop))
-            parts.armature[drive.joint.name] = self.model.armature[columns]
+        drives = [body]
+        if body.joint.name in self.motors:
+            drives.append(self.motors[body.joint.name])
+        for drive in drives:
+            _, dq_indices = drive.places
+            name = drive.joint.name
+            parts.friction[name] = self.model.friction.select(np.arange(dq_indices.start, dq_indices.stop))
+            parts.armature[name] = self.model.armature[dq_indices]
 
     def _add_additions(self, parts: ModelParts) -> None:
         """Add everything beside links and joints; springs in elastic gears belong to the actuators."""
@@ -218,21 +232,25 @@ class _Disassembly:
         for name, frame in model.sites.items():
             link = parts.root if frame.body == BASE else model.bodies[frame.body].link
             additions.sites[name] = SiteEntry(name, link, frame.pose)
-        joints = {joint.name for joint in parts.joints} | {ROOT_JOINT}
-        additions.springs = [spring for spring in model.springs if joints.issuperset(spring.joints)]
+        joint_names = {joint.name for joint in parts.joints} | {ROOT_JOINT}
+        additions.springs = [spring for spring in model.springs if joint_names.issuperset(spring.joints)]
         leaders = [body for body in model.leaders if body.joint.moves_body]
+        q_indices = {body.joint.name: body.places[0] for body in leaders}
         for name, q in model.configurations.items():
-            additions.configurations[name] = {body.joint.name: q[body.places[0]] for body in leaders}
+            additions.configurations[name] = {joint: q[indices] for joint, indices in q_indices.items()}
         additions.closures = dict(model.closures)
         additions.motor_joints = set(model.motor_joints)
         additions.mounted = model.mounted
         additions.locked = dict(model.locked)
 
 
-_NO_LIMITS = Limits(*(np.zeros(0),) * 4)
+_NO_COORDINATES = np.zeros(0)
+_NO_LIMITS = Limits(_NO_COORDINATES, _NO_COORDINATES, _NO_COORDINATES, _NO_COORDINATES)
+"""Limits of a fixed joint."""
 
 
 def _entry(joint: Joint, parent: str, child: str, placement: Array, limits: Limits) -> JointEntry:
+    """Joint between two links, without friction, armature and mimic."""
     return JointEntry(joint, parent, child, placement, limits, 0.0, 0.0, None, "")
 
 
@@ -250,10 +268,11 @@ def _relative_pose(T_ab: Array, T_ac: Array) -> Array:
 
 def _exceeds_rounding(remainder: SpatialInertia, whole: SpatialInertia) -> bool:
     """True if the difference between a body and its links exceeds rounding errors."""
-    differences, sizes = np.abs(remainder.parameters), np.abs(whole.parameters)
+    differences = np.abs(remainder.parameters)
+    sizes = np.abs(whole.parameters)
     mass, first_moment, moments = slice(0, 1), slice(1, 4), slice(4, 10)
     for entries in (mass, first_moment, moments):  # of three units, so their sizes may differ
-        scale = max(sizes[entries].max(), sizes.max() * 1e-3)
+        scale = max(sizes[entries].max(), _MIN_SIZE_SHARE * sizes.max())
         if differences[entries].max() > _MAX_ROUNDING * scale:
             return True
     return False

@@ -21,7 +21,7 @@ from .stored_array import StoredArray
 
 
 def read_arrow(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
-    """Columns of a parquet or feather file; a column of lists of numbers is an array (n, k)."""
+    """Columns of a parquet or feather file by name, and notes on ignored ones; lists of numbers become an array (n, k)."""
     path = file.path
     try:
         import pyarrow.types as arrow_types
@@ -34,27 +34,30 @@ def read_arrow(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ..
         value_counts = Counter()
 
     def read_portions(name: str, row_limit: int) -> Iterator[Array]:
+        """Portions of up to ``row_limit`` rows of a column."""
         for column in read_column(name, row_limit):
             column.validate(full=True)
             yield column.to_numpy(zero_copy_only=False)
 
-    names_of_entries: Mapping[str, list[str]] = {}
-    if {STATE, EPISODES} & {*schema.names}:
+    names_of_entries: Mapping[str, list[str]] = {}  # by column of lists
+    if {STATE, EPISODES} & {*schema.names}:  # a LeRobot dataset
         names_of_entries, _ = read_metadata(path)
     arrays = {}
     size_limit = most_unpacked(path.stat().st_size)
+    number_tests = (arrow_types.is_floating, arrow_types.is_integer, arrow_types.is_boolean)
+    time_tests = (arrow_types.is_timestamp, arrow_types.is_date, arrow_types.is_duration)
+    list_tests = (arrow_types.is_list, arrow_types.is_fixed_size_list)
     for field in schema:
-        kind = field.type
-        portions = partial(read_portions, field.name)
-        is_number = arrow_types.is_floating(kind) or arrow_types.is_integer(kind) or arrow_types.is_boolean(kind)
-        is_time = arrow_types.is_timestamp(kind) or arrow_types.is_date(kind) or arrow_types.is_duration(kind)
-        is_list = arrow_types.is_list(kind) or arrow_types.is_fixed_size_list(kind)
         name = field.name
+        portions = partial(read_portions, name)
+        is_number = any(has_type(field.type) for has_type in number_tests)
+        is_time = any(has_type(field.type) for has_type in time_tests)
+        is_list = any(has_type(field.type) for has_type in list_tests)
         if is_number:
             arrays[name] = StoredArray((row_count,), np.dtype(float), portions)
         elif is_time:
             arrays[f"{name} [s]"] = StoredArray((row_count,), np.dtype(float), portions)
-        elif is_list and 8 * value_counts[name] <= size_limit:
+        elif is_list and _BYTES_PER_NUMBER * value_counts[name] <= size_limit:
             arrays[name] = _list_array(path, name, row_count, portions, names_of_entries.get(name, ()))
         else:
             arrays[name] = StoredArray((), np.dtype(object), portions)  # not numbers
@@ -67,7 +70,7 @@ def read_arrow(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ..
 
 
 def _parquet(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]], Counter[str]]:
-    """Schema, number of rows, function that yields a column in portions, and number of values by column, of a parquet file."""
+    """Schema, number of rows, function that yields a column in portions, and numbers of values by column of a parquet file."""
     import pyarrow.parquet
 
     def read_column(name: str, row_limit: int) -> Iterator[Any]:
@@ -75,7 +78,7 @@ def _parquet(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]],
             for batch in file.iter_batches(row_limit, columns=[name], use_threads=False):
                 yield batch.column(0)
 
-    value_counts = Counter[str]()
+    value_counts: Counter[str] = Counter()
     with pyarrow.parquet.ParquetFile(path) as file:
         metadata = file.metadata
         for group_index in range(metadata.num_row_groups):
@@ -90,7 +93,7 @@ def _parquet(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]],
 def _feather(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]]]:
     """Schema, number of rows, and function that yields a column in portions, of a feather file.
 
-    Other columns are not unpacked.
+    The function unpacks only the column that it yields.
     """
     import pyarrow.dataset
     import pyarrow.ipc
@@ -103,20 +106,21 @@ def _feather(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]]]
             )
 
     def open_columns(*fields: int) -> Any:
+        """File with some of its columns."""
         options = pyarrow.ipc.IpcReadOptions(included_fields=list(fields), use_threads=False)
         return pyarrow.ipc.open_file(path, options=options)
 
     def read_column(name: str, row_limit: int) -> Iterator[Any]:
-        pending: list[Any] = []  # batches that are not yet yielded
+        waiting_batches: list[Any] = []  # not yet yielded
         with open_columns(schema.get_field_index(name)) as file:
             for k in range(file.num_record_batches):
-                pending.append(file.get_batch(k).column(0))
-                while sum(map(len, pending)) >= row_limit:
-                    rows = pyarrow.concat_arrays(pending)
+                waiting_batches.append(file.get_batch(k).column(0))
+                while sum(map(len, waiting_batches)) >= row_limit:
+                    rows = pyarrow.concat_arrays(waiting_batches)
                     yield rows[:row_limit]
-                    pending = [rows[row_limit:]]
-        if sum(map(len, pending)):
-            yield pyarrow.concat_arrays(pending)
+                    waiting_batches = [rows[row_limit:]]
+        if sum(map(len, waiting_batches)):
+            yield pyarrow.concat_arrays(waiting_batches)
 
     with open_columns() as file:
         schema = file.schema
@@ -126,14 +130,15 @@ def _feather(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]]]
 
 _ARROW_MARK = b"ARROW1"
 """First bytes of a file of Arrow."""
+_BYTES_PER_NUMBER = 8
 
 
 def _list_array(
     path: Path, name: str, row_count: int, portions: Callable[[int], Iterator[Array]], names: Sequence[str]
 ) -> StoredArray:
-    """Array (n, k) of a column of lists with ``names`` of their entries.
+    """Array (n, k) of a column of lists, with the ``names`` of their entries.
 
-    It has no shape unless the lists are numeric and those of the first portion equally long.
+    Unless the lists of the first portion have equally many numbers, the array has no shape: it is ignored.
     """
     not_numbers = StoredArray((), np.dtype(object), portions)
     first_lists = next(portions(log_table.ROWS), np.zeros(0))
@@ -143,10 +148,12 @@ def _list_array(
     width = first_list.size
     if not width or first_list.dtype.kind not in "iufb":
         return not_numbers
-    if not all(cell is not None and np.size(cell) == width for cell in first_lists):
+    have_equal_width = all(cell is not None and np.size(cell) == width for cell in first_lists)
+    if not have_equal_width:
         return not_numbers
 
     def stacked_portions(row_limit: int) -> Iterator[Array]:
+        """Portions (rows, k) of the array; raises TrajectoryError for a list of another length."""
         row = 0
         for portion in portions(row_limit):
             cells = []
@@ -167,7 +174,7 @@ def _list_array(
 
 
 def _position_names(names: Sequence[str], width: int) -> list[str]:
-    """Names of the columns of a LeRobot dataset's positions; those without a quantity get that of a position."""
+    """Names of the columns of a LeRobot dataset's positions; names without a quantity get the ending ``.pos``."""
     if len(names) != width:
         names = [str(k + 1) for k in range(width)]
     position_names = []

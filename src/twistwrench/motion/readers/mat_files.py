@@ -20,7 +20,8 @@ from .stored_array import StoredArray, check_unpacked
 
 def read_mat(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
     """Arrays of a MAT file of any version."""
-    path, header = file.path, file.start[:_HEADER_SIZE]
+    path = file.path
+    header = file.start[:_HEADER_SIZE]
     if header[:4] == b"\x89HDF" or b"MATLAB 7.3" in header:
         return read_hdf5(file, columns_first=True)
     with file.open() as stream:
@@ -47,12 +48,19 @@ _CODE_MATRIX = 14
 _CODE_COMPRESSED = 15
 """Type of an element that holds a compressed element."""
 _COMPLEX_FLAG = 0x800
-"""Flag of complex arrays."""
+"""Flag of complex arrays in MAT files of version 5."""
+_CLASS_BITS = 0xFF
+"""Bits of an array's flags that have its class."""
 _NUMERIC_CLASSES = range(6, 16)
 """Classes of dense real arrays in MAT files of version 5."""
+_BYTE_ORDERS = {b"IM": "<", b"MI": ">"}
+"""Byte order by the last two bytes of the header of MAT files of version 5."""
+_SMALL_DATA_SIZE = 4
+"""Bytes of data within the tag of a small element, after size and type of two bytes each."""
 
 
 def _damage_error(path: Path, damage: str) -> TrajectoryError:
+    """Error for a damaged file."""
     return TrajectoryError(f"{path}: cannot be read as mat: {damage}. The file is damaged or cut short: save it again.")
 
 
@@ -61,10 +69,10 @@ def _mat_5(path: Path, data: memoryview) -> dict[str, Any]:
 
     SciPy's reader does not check the sizes and crashes the process if they are wrong.
     """
-    byte_order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:_HEADER_SIZE]))
+    byte_order = _BYTE_ORDERS.get(bytes(data[_HEADER_SIZE - 2 : _HEADER_SIZE]))
     if byte_order is None:
         raise _damage_error(path, "its first 128 bytes are not those of a MAT file")
-    elements = []
+    elements: list[tuple[int, int, memoryview, bool]] = []  # type, unpacked size, content, and True if it is packed
     unpacked_size = 0
     offset = _HEADER_SIZE
     while offset < len(data):
@@ -94,7 +102,7 @@ def _mat_5(path: Path, data: memoryview) -> dict[str, Any]:
 
 
 def _element(path: Path, byte_order: str, data: memoryview, offset: int) -> tuple[int, memoryview, int]:
-    """Type, data and end offset of the element at an offset."""
+    """Type of the element at an offset, its data, and the offset after it."""
     begin = offset + _TAG_SIZE
     if len(data) < begin:
         raise _damage_error(path, "an array ends before its numbers")
@@ -103,9 +111,9 @@ def _element(path: Path, byte_order: str, data: memoryview, offset: int) -> tupl
     if kind >> 16:  # small element: size, type and up to four bytes of data within the tag
         size = kind >> 16
         kind = kind & 0xFFFF
-        begin = offset + 4
+        begin = offset + _TAG_SIZE - _SMALL_DATA_SIZE
         end = offset + _TAG_SIZE
-        available = 4
+        available = _SMALL_DATA_SIZE
     elif kind == _CODE_COMPRESSED:
         end = begin + size
     else:
@@ -120,8 +128,8 @@ def _element(path: Path, byte_order: str, data: memoryview, offset: int) -> tupl
 def _matrix(path: Path, byte_order: str, content: memoryview) -> tuple[str, Array]:
     """Name and numbers of an array.
 
-    Numbers are omitted unless the array is dense and real. They are also omitted for MATLAB's own arrays, whose names
-    begin with ``__``.
+    There are no numbers unless the array is dense and real. MATLAB's own arrays, whose names begin with ``__``, have none
+    either.
     """
     _, flags, offset = _element(path, byte_order, content, 0)
     _, axis_lengths, offset = _element(path, byte_order, content, offset)
@@ -130,7 +138,7 @@ def _matrix(path: Path, byte_order: str, content: memoryview) -> tuple[str, Arra
         raise _damage_error(path, "an array has no type")
     (flag_bits,) = struct.unpack_from(f"{byte_order}I", flags)
     name = bytes(label).decode("ascii", "replace")
-    is_dense = (flag_bits & 0xFF) in _NUMERIC_CLASSES
+    is_dense = (flag_bits & _CLASS_BITS) in _NUMERIC_CLASSES
     is_complex = bool(flag_bits & _COMPLEX_FLAG)
     if not is_dense or is_complex or name.startswith("__"):
         return name, np.zeros(0)
@@ -167,7 +175,8 @@ def _mat_4(path: Path, data: memoryview) -> dict[str, Any]:
         is_valid_type = type_code in _TYPE_CODES_4 and number_type
         if not is_valid_type or min(rows, columns, name_length) < 0 or end > len(data):
             raise _damage_error(path, f"an array of {rows} rows and {columns} columns does not fit into it")
-        name = bytes(data[name_begin:begin]).split(b"\0")[0].decode("ascii", "replace")
+        name_bytes, _, _ = bytes(data[name_begin:begin]).partition(b"\0")
+        name = name_bytes.decode("ascii", "replace")
         arrays[name] = np.zeros(0)
         is_full_matrix = matrix_code == 0  # neither text nor sparse
         if is_full_matrix and not is_complex:

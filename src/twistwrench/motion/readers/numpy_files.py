@@ -25,7 +25,7 @@ from .stored_array import StoredArray, check_unpacked, is_line
 
 
 def array_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, column-major flag and type of an array in NumPy's format; leaves the file at the first number."""
+    """Shape, True if columns are stored first, and type of an array in NumPy's format; leaves the file at the first number."""
     if np.lib.format.read_magic(file) == (1, 0):
         read_header = np.lib.format.read_array_header_1_0
     else:
@@ -45,11 +45,12 @@ def _stored_array(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArray:
         shape = (math.prod(shape),)
     is_read_whole = columns_first and len(shape) > 1
     if is_read_whole:
-        check_unpacked(path, math.prod(shape) * max(8, dtype.itemsize))  # 8: as float64 after reading
-    row_count, *shape_of_row = shape or (0,)
+        check_unpacked(path, math.prod(shape) * max(_FLOAT64_SIZE, dtype.itemsize))  # float64 after reading
+    row_count, *shape_of_row = shape or (0,)  # a single number has no rows
     bytes_per_row = dtype.itemsize * math.prod(shape_of_row)
 
     def read_portions(row_limit: int) -> Iterator[Array]:
+        """Portions of up to ``row_limit`` rows."""
         with open_file() as file:
             if is_read_whole:
                 array = np.lib.format.read_array(file, allow_pickle=False)
@@ -70,7 +71,7 @@ def _stored_array(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArray:
 
 
 def read_npy(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
-    """Array of an npy file, by the prefix of its columns' names; columns of an array with fields have the fields' names."""
+    """Array of an npy file, by the prefix of its columns' names; fields of an array are columns with names of their own."""
     array = _stored_array(file.path, file.open)
     has_fields = bool(array.dtype.names)
     prefix = "" if has_fields else "column"
@@ -83,7 +84,11 @@ def read_npz(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]
 
     def get_archive() -> zipfile.ZipFile:
         """Archive that is open as long as one of its members is."""
-        return open_archives.get(file.path) or open_archives.setdefault(file.path, zipfile.ZipFile(file.open()))
+        archive = open_archives.get(file.path)
+        if archive is None:
+            archive = zipfile.ZipFile(file.open())
+            open_archives[file.path] = archive
+        return archive
 
     def open_member(name: str) -> BinaryIO:
         return get_archive().open(name)  # type: ignore[return-value]
@@ -99,15 +104,19 @@ def read_npz(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]
 def check_archive(file: FileEnds) -> None:
     """Raise TrajectoryError if an archive of NumPy is far smaller than the arrays that their headers announce."""
     arrays, _ = read_npz(file)
-    size = sum(math.prod(array.shape) * max(8, array.dtype.itemsize) for array in arrays.values())
+    size = 0
+    for array in arrays.values():
+        size += math.prod(array.shape) * max(_FLOAT64_SIZE, array.dtype.itemsize)
     check_unpacked(file.path, size)
     check_ratio(file.path, size, file.size)
 
 
+_FLOAT64_SIZE = 8
+"""Size of a number as float64 [bytes]."""
 _FORMAT_MARK = "twistwrench simulation"
 """Text at the beginning of the entry ``format`` of archives of ``simulate --npz``."""
 _MAX_MARK_BYTES = 1 << 12
-"""Largest number of bytes of this entry that are read."""
+"""Largest number of bytes of the entry ``format`` that are read."""
 
 
 def is_simulation(file: FileEnds) -> bool:
@@ -139,7 +148,7 @@ def simulation_file(file: FileEnds) -> ArrayFile:
             names = json.loads(str(archive["said"]))
             times = np.asarray(archive["times"], float)[:, None]
             header = [time_column(names["coordinate_names"])]
-            blocks = [times]  # of columns
+            blocks = [times]  # columns of the table
             for part in STATES:
                 names_key = "coordinate_names" if part == "q" else "velocity_names"
                 part_names = names[names_key]

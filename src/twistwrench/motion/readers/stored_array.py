@@ -19,7 +19,9 @@ from .file_ends import FileEnds
 MAX_UNPACKED_SIZE = 1 << 30
 """Largest unpacked size [bytes] of data that must be read whole."""
 NUMBER_KINDS = "iufbmM"
-"""NumPy kinds of numbers, dates and durations."""
+"""NumPy's characters of kinds of numbers, dates and durations."""
+_FLOAT64_SIZE = 8
+"""Size of a number as float64 [bytes]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +31,9 @@ class StoredArray:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     portions: Callable[[int], Iterator[Array]]
-    """Function of a number of rows that yields portions of so many consecutive rows, as :func:`.slices` splits them."""
+    """Function of the number of rows of a portion; it yields all portions in order, as :func:`.slices` splits the rows."""
     names: tuple[str, ...] = ()
-    """Names of the columns of an array (n, k); if empty, columns are numbered."""
+    """Names of the columns of an array (n, k); if empty, columns have numbers."""
 
     @classmethod
     def from_array(cls, array: Any) -> StoredArray:
@@ -47,12 +49,12 @@ class StoredArray:
 
     @property
     def row_size(self) -> int:
-        """Size of a row [bytes] with its numbers as float64."""
-        return max(8, self.dtype.itemsize) * math.prod(self.shape[1:])
+        """Size of a row [bytes] with its numbers as float64, or as stored if that is larger."""
+        return max(_FLOAT64_SIZE, self.dtype.itemsize) * math.prod(self.shape[1:])
 
     @property
     def size(self) -> int:
-        """Size of all rows [bytes] with their numbers as float64."""
+        """Size of all rows [bytes], as :attr:`row_size`."""
         return self.row_size * self.shape[0]
 
 

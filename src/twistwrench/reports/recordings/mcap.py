@@ -16,7 +16,10 @@ from ...formats.xml import xml_text
 from .description import MovingJoints, robot_description
 from .recording import NANOSECONDS, Recording
 
-_INFO, _WARNING, _ERROR = 20, 30, 40  # levels of rcl_interfaces/msg/Log
+# Levels of rcl_interfaces/msg/Log
+_INFO = 20
+_WARNING = 30
+_ERROR = 40
 _LEVELS = {Word.OK: _INFO, Word.UNSURE: _WARNING}
 """Message levels in /rosout; other verdicts are errors."""
 _RULE = "=" * 80 + "\n"
@@ -24,6 +27,8 @@ _RULE = "=" * 80 + "\n"
 _TIME = f"{_RULE}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 _HEADER = f"{_RULE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n{_TIME}"
 _XYZ = "float64 x\nfloat64 y\nfloat64 z\n"
+
+# Types of the messages that are written
 _STATE = "sensor_msgs/msg/JointState"
 _TEXT = "std_msgs/msg/String"
 _LOG = "rcl_interfaces/msg/Log"
@@ -53,36 +58,36 @@ def require_mcap() -> Any:
 
 
 def write_mcap(path: str | Path, recording: Recording) -> Path:
-    """Write an MCAP file: JointState, robot description, /tf of joints with several coordinates, and the verdict in /rosout."""
+    """Write an MCAP file: joint states, robot description, /tf of joints with several coordinates, and verdict in /rosout."""
     path = as_path(path)
     writer_of = require_mcap()
-    moving = MovingJoints(recording.robot, robot_description(recording.robot.model))
-    with replacing(path) as scratch, scratch.open("wb") as file, writer_of(file) as writer:
+    moving_joints = MovingJoints(recording.robot, robot_description(recording.robot.model))
+    with replacing(path) as temporary_path, temporary_path.open("wb") as file, writer_of(file) as writer:
         joint_names = recording.joints[0]
         messages = _MessageWriter(writer, joint_names)
-        first, last = recording.stamps(np.array(recording.span)).tolist()
-        messages.write("/robot_description", _TEXT, first, {"data": xml_text(moving.description)})
+        first_stamp, last_stamp = recording.stamps(np.array(recording.span)).tolist()
+        messages.write("/robot_description", _TEXT, first_stamp, {"data": xml_text(moving_joints.description)})
         for time, q, series in recording.portions:
             values_by_topic = {}
             if joint_names:
                 values_by_topic = {_topic(name): recording.values(states) for name, states in series.items()}
-            pose_series = list(moving.transforms(q))
-            for k, stamp in enumerate(recording.stamps(time).tolist()):
+            pose_series = list(moving_joints.transforms(q))
+            for row, stamp in enumerate(recording.stamps(time).tolist()):
                 for topic, values in values_by_topic.items():
-                    messages.write_states(topic, stamp, values, k)
+                    messages.write_states(topic, stamp, values, row)
                 if pose_series:
-                    transforms = [_transform(stamp, k, *series_of_pair) for series_of_pair in pose_series]
+                    transforms = [_transform(stamp, row, *series_of_pair) for series_of_pair in pose_series]
                     messages.write("/tf", _TF, stamp, {"transforms": transforms})
         if recording.limits is not None:
             limits = recording.values(recording.limits)
-            for stamp in (first, last):
+            for stamp in (first_stamp, last_stamp):
                 messages.write_states(_topic("limits"), stamp, limits, 0)
         if recording.verdict is not None:
             word, text = recording.verdict
             level = _LEVELS.get(word, _ERROR)
-            message = {"stamp": _time(first), "level": level, "name": "twistwrench", "msg": text}
+            message = {"stamp": _time(first_stamp), "level": level, "name": "twistwrench", "msg": text}
             empty_place = {"file": "", "function": "", "line": 0}
-            messages.write("/rosout", _LOG, first, message | empty_place)
+            messages.write("/rosout", _LOG, first_stamp, message | empty_place)
     return path
 
 
@@ -92,35 +97,38 @@ class _MessageWriter:
     def __init__(self, writer: Any, joints: list[str]) -> None:
         self._writer = writer
         self._joints = joints
-        self._schemas = {kind: writer.register_msgdef(kind, text) for kind, text in _MESSAGES.items()}
+        self._schemas = {name: writer.register_msgdef(name, definition) for name, definition in _MESSAGES.items()}
 
-    def write(self, topic: str, kind: str, stamp: int, message: dict[str, Any]) -> None:
+    def write(self, topic: str, message_type: str, stamp: int, message: dict[str, Any]) -> None:
         """Write one message, which is logged and published at its stamp."""
-        self._writer.write_message(topic, self._schemas[kind], message, stamp, stamp)
+        self._writer.write_message(topic, self._schemas[message_type], message, stamp, stamp)
 
-    def write_states(self, topic: str, stamp: int, values: Mapping[str, Array], k: int) -> None:
-        """Write row k of joint states; quantities that are not among the values are empty."""
+    def write_states(self, topic: str, stamp: int, values: Mapping[str, Array], row: int) -> None:
+        """Write one row of joint states; quantities that are not among the values are empty."""
         message: dict[str, Any] = {"header": _header(stamp), "name": self._joints}
         for name in ("position", "velocity", "effort"):
-            message[name] = values[name][k].tolist() if name in values else []
+            message[name] = values[name][row].tolist() if name in values else []
         self.write(topic, _STATE, stamp, message)
 
 
 def _topic(name: str) -> str:
+    """Topic of a series of joint states."""
     return "/joint_states" if name == "joint_states" else f"/twistwrench/{name}"
 
 
 def _time(stamp: int) -> dict[str, int]:
+    """Message of a stamp in nanoseconds."""
     return {"sec": stamp // NANOSECONDS, "nanosec": stamp % NANOSECONDS}
 
 
 def _header(stamp: int, frame: str = "") -> dict[str, Any]:
+    """Message of a header; the frame is empty for joint states."""
     return {"stamp": _time(stamp), "frame_id": frame}
 
 
-def _transform(stamp: int, k: int, parent: str, child: str, positions: Array, quaternions: Array) -> dict[str, Any]:
-    """Message of row k of the poses of a child in its parent."""
-    translation = dict(zip("xyz", positions[k].tolist(), strict=True))
-    rotation = dict(zip("xyzw", quaternions[k].tolist(), strict=True))
+def _transform(stamp: int, row: int, parent: str, child: str, positions: Array, quaternions: Array) -> dict[str, Any]:
+    """Message of one row of the poses of a child in its parent; quaternions have the scalar last."""
+    translation = dict(zip("xyz", positions[row].tolist(), strict=True))
+    rotation = dict(zip("xyzw", quaternions[row].tolist(), strict=True))
     transform = {"translation": translation, "rotation": rotation}
     return {"header": _header(stamp, parent), "child_frame_id": child, "transform": transform}

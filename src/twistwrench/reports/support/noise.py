@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from .ground_support import GroundSupport
 
 _MAX_SIGMAS_OF_NOISE = 5.0
-"""Standard deviations not exceeded by any of some million samples."""
+"""Number of standard deviations that noise does not exceed in a million samples."""
 _FACTOR_BEYOND_MARGIN = 1.01
-"""Factor of the margin in speed at which the motion that fails is found."""
+"""Speed over the margin in speed, at which the robot fails and the failing motion is found."""
 _BATCH_SIZE = 4096
-"""States of one batch."""
+"""Number of states of a batch."""
 _MIN_STATED_INTERVAL = 0.002
-"""Relative half of the interval of the margin from which it is stated."""
+"""Half-width of the margin's interval, over the margin, above which it is stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class SupportNoise:
     time: float
     """Instant that sets the margin [s]."""
     how: str
-    """Failure beyond the margin."""
+    """Failure beyond the margin, as a verb with its object; empty if it is not known."""
 
     @property
     def hides(self) -> bool:
@@ -53,8 +53,8 @@ class SupportNoise:
     @property
     def words(self) -> str:
         """Sentence on a margin that noise may use up."""
-        half = INTERVAL * 0.5 * self.spread * self.speed
-        margin = plus_minus(self.speed, half)
+        half_width = INTERVAL * 0.5 * self.spread * self.speed  # 0.5: speed is the root of power
+        margin = plus_minus(self.speed, half_width)
         return (
             f"noise of the log decides whether it {self.how} at t = {seconds(self.time)} s: it holds up to "
             f"{margin} × this speed"
@@ -62,56 +62,61 @@ class SupportNoise:
 
     def interval_words(self, speed: float) -> str:
         """Noise of a margin at the instant that sets it; empty if it is negligible."""
-        half = INTERVAL * 0.5 * self.spread
-        if half <= _MIN_STATED_INTERVAL or not math.isfinite(speed):
+        relative_half_width = INTERVAL * 0.5 * self.spread
+        if relative_half_width <= _MIN_STATED_INTERVAL or not math.isfinite(speed):
             return ""
-        return f" (± {number(half * speed, 2)} by noise)"
+        return f" (± {number(relative_half_width * speed, 2)} by noise)"
 
 
-def support_noise(found: GroundSupport, d: Differentiation) -> SupportNoise | None:
+def support_noise(found: GroundSupport, derivation: Differentiation) -> SupportNoise | None:
     """Effect of the noise of derived accelerations; None if they are given, or without noise."""
-    if not d.sigma_ddq.any():
+    if not derivation.sigma_ddq.any():
         return None
-    failing = found.aground & found.decided & ~found.holds
-    certain = np.zeros(len(failing), bool)
-    rows = np.flatnonzero(failing)
-    for start in range(0, len(rows), _BATCH_SIZE):
-        batch = rows[start : start + _BATCH_SIZE]
+    fails = found.aground & found.decided & ~found.holds
+    is_certain = np.zeros(len(fails), bool)
+    failing_rows = np.flatnonzero(fails)
+    for start in range(0, len(failing_rows), _BATCH_SIZE):
+        batch = failing_rows[start : start + _BATCH_SIZE]
         states = samples(found.states, batch)
-        motion, power = found.failing_motions(states, batch)
-        certain[batch] = power > _MAX_SIGMAS_OF_NOISE * _power_deviation(found, d, states, motion)
-    return SupportNoise(certain, *_margin(found, d))
+        motions, powers = found.failing_motions(states, batch)
+        is_certain[batch] = powers > _MAX_SIGMAS_OF_NOISE * _power_deviation(found, derivation, states, motions)
+    spread, speed, time, how = _margin(found, derivation)
+    return SupportNoise(is_certain, spread, speed, time, how)
 
 
-def _power_deviation(found: GroundSupport, d: Differentiation, states: MotionSamples, motion: Array) -> Array:
+def _power_deviation(found: GroundSupport, derivation: Differentiation, states: MotionSamples, motions: Array) -> Array:
     """Standard deviations (n,) of the power of the load in motions (n, nv) of the free base, by noise of ddq.
 
     The power of inertial forces M ddq in a motion is (M motion)ᵀ ddq.
     """
     M = np.asarray(found.robot.mass_matrix(states.q))
-    momentum = (M @ motion[..., None])[..., 0]
-    sigma = d.sigma_at(states) * d.end_gain(states.time)
+    momentum = (M @ motions[..., None])[..., 0]
+    sigma = derivation.sigma_at(states) * derivation.end_gain(states.time)
     variances = ((momentum * sigma) ** 2).sum(axis=1)
     return np.asarray(np.sqrt(variances))
 
 
-def _margin(found: GroundSupport, d: Differentiation) -> tuple[float, float, float, str]:
-    """Relative deviation of the margin in speed, the margin, its instant, and what fails beyond it."""
-    standing = found.holds & found.aground & np.isfinite(found.speed) & (found.speed > 0)
-    if not standing.any():
+def _margin(found: GroundSupport, derivation: Differentiation) -> tuple[float, float, float, str]:
+    """Relative deviation of the margin in speed, margin, instant that sets it [s], and failure beyond it.
+
+    Without a margin, it is inf; the failure is empty if it is not known.
+    """
+    has_margin = found.holds & found.aground & np.isfinite(found.speed) & (found.speed > 0)
+    if not has_margin.any():
         return 0.0, math.inf, 0.0, ""
-    k = int(np.where(standing, found.speed, np.inf).argmin())
-    speed = float(found.speed[k])
+    k = int(np.where(has_margin, found.speed, np.inf).argmin())
+    margin = float(found.speed[k])
     time = float(found.time[k])
     state = samples(found.states, slice(k, k + 1))
-    beyond = _FACTOR_BEYOND_MARGIN * speed
-    fast = replace(state, dq=beyond * state.dq, ddq=beyond**2 * state.ddq)
-    failed = found.again(fast, found.contacts, found.in_contact[k : k + 1])
-    if failed.holds[0] or not failed.decided[0]:
-        return 0.0, speed, time, ""
-    at_rest = replace(state, dq=np.zeros_like(state.dq), ddq=np.zeros_like(state.ddq))
-    inertial_torques = found.case.torques_in_the_air(state)[0] - found.case.torques_in_the_air(at_rest)[0]
-    power = abs(float(failed.motion[0] @ inertial_torques))
-    sigma = float(_power_deviation(found, d, state, failed.motion)[0])
+    speed_factor = _FACTOR_BEYOND_MARGIN * margin
+    faster_state = replace(state, dq=speed_factor * state.dq, ddq=speed_factor**2 * state.ddq)
+    failure = found.again(faster_state, found.contacts, found.in_contact[k : k + 1])
+    if failure.holds[0] or not failure.decided[0]:
+        return 0.0, margin, time, ""
+    state_at_rest = replace(state, dq=np.zeros_like(state.dq), ddq=np.zeros_like(state.ddq))
+    torques = found.case.torques_in_the_air(state)[0]
+    torques_at_rest = found.case.torques_in_the_air(state_at_rest)[0]
+    power = abs(float(failure.motion[0] @ (torques - torques_at_rest)))  # of the inertial forces
+    sigma = float(_power_deviation(found, derivation, state, failure.motion)[0])
     spread = sigma / power if power > 0 else 0.0
-    return spread, speed, time, str(failed.how[0])
+    return spread, margin, time, str(failure.how[0])

@@ -51,7 +51,7 @@ def forward_dynamics(
     wrench_on_robot: Wrenches | None = None,
     friction: bool = False,
 ) -> ConstrainedMotion:
-    """q̈ and λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), λ of minimal norm if A loses rank."""
+    """q̈ and λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq); of several λ, if A loses rank, that of minimal norm."""
     robot = closed.open()
     independent_constraints = closed._independent_constraints
     q, dq, tau = finite_states(robot.model, "forward_dynamics", q=q, dq=dq, tau=tau)
@@ -61,9 +61,9 @@ def forward_dynamics(
     by, on = wrench_by_robot, wrench_on_robot
     if not independent_constraints:
         ddq = robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
-        no_lam = np.zeros((*ddq.shape[:-1], len(closed.sizes)), ddq.dtype)
-        return ConstrainedMotion(ddq, no_lam)
-    rows = list(closed.independent)
+        zero_lam = np.zeros((*ddq.shape[:-1], len(closed.sizes)), ddq.dtype)
+        return ConstrainedMotion(ddq, zero_lam)
+    independent_rows = list(closed.independent)  # of A
     row_count = len(closed.sizes)
     call_engine = robot.engine.call_with_wrenches
     with np.errstate(all="ignore"):  # singular states are replaced below
@@ -71,9 +71,11 @@ def forward_dynamics(
             "constrained_dynamics", (q, dq, tau), by, on, None, constraints=independent_constraints
         )
     lam = np.zeros((*independent_lam.shape[:-1], row_count), independent_lam.dtype)
-    lam[..., rows] = independent_lam
-    is_singular = needs_singular_values(pivots, closed.sizes[rows])
-    if len(rows) < row_count and not is_singular.all():  # λ of minimal norm, with its part on dependent rows
+    lam[..., independent_rows] = independent_lam
+    is_singular = needs_singular_values(pivots, closed.sizes[independent_rows])
+    if (
+        len(independent_rows) < row_count and not is_singular.all()
+    ):  # λ of minimal norm, with its part on dependent rows
         regular_q = np.broadcast_to(q, (*is_singular.shape, closed.nq))[~is_singular]
         _, projector = closed._projector(regular_q)
         lam[~is_singular] = (projector.range @ lam[~is_singular][..., None])[..., 0]
@@ -81,7 +83,7 @@ def forward_dynamics(
         h = call_engine("bias_forces", (q, dq), by, on, None)
         q, dq, force = (np.broadcast_to(x, (*is_singular.shape, x.shape[-1]))[is_singular] for x in (q, dq, tau - h))
         _, projector = closed._projector(q)
-        warn_of_singular(projector.rank, len(rows))
+        warn_of_singular(projector.rank, len(independent_rows))
         ddq[is_singular], lam[is_singular] = projector.constrained_acceleration(force, closed.constraint_bias(q, dq))
     return ConstrainedMotion(ddq, lam)
 
@@ -98,7 +100,7 @@ def inverse_dynamics(
     wrench_on_robot: Wrenches | None = None,
     friction: bool = False,
 ) -> ConstrainedTorques:
-    """τ = f + A'λ of the ``actuated`` joints, zero at the others, and λ; τ of minimal norm if there are more motors."""
+    """τ = f + A'λ of the ``actuated`` joints, zero at the others, and λ; of several τ, that of minimal norm."""
     robot = closed.open()
     q, dq, ddq = finite_states(robot.model, "inverse_dynamics", q=q, dq=dq, ddq=ddq)
     require_met(closed, q, dq, ddq)
@@ -135,15 +137,15 @@ def joint_wrenches(
     actuated: Iterable[str] | None = None,
     **wrenches: Any,
 ) -> Array:
-    """Wrenches across the joints of the open robot, if λ of :func:`inverse_dynamics` acts on both links of each closure."""
+    """Wrenches across the joints of the open robot, with λ of :func:`inverse_dynamics` on both links of each closure."""
     robot = closed.open()
     lam = inverse_dynamics(closed, q, dq, ddq, actuated, **wrenches).lam
     total = robot.joint_wrenches(q, dq, ddq, **wrenches)
-    without_wrenches = robot.joint_wrenches(q, dq, ddq)
+    unloaded = robot.joint_wrenches(q, dq, ddq)
     # One frame at a time, since a frame may occur in several constraints.
     for frame, F in link_wrenches(closed, np.asarray(q, float), lam):
-        with_wrench = robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F})
-        total = total + (with_wrench - without_wrenches)
+        loaded = robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F})
+        total = total + (loaded - unloaded)
     return total
 
 
@@ -188,14 +190,16 @@ def inverse_dynamics_derivatives(
     require_independent(closed, q, is_driven)
     f = robot.inverse_dynamics(q, dq, ddq, **wrenches)
     f_by_q, f_by_dq = robot.inverse_dynamics_derivatives(q, dq, ddq, **wrenches)
-    rows = list(closed.independent)
-    if not rows:
+    independent_rows = list(closed.independent)
+    if not independent_rows:
         A = b_by_q = b_by_dq = np.zeros((*q.shape[:-1], 0, closed.nv))
         A_by_q = np.zeros((*q.shape[:-1], 0, closed.nv, closed.nv))
     else:
-        A = closed.constraint_jacobian(q)[..., rows, :]
-        A_by_q = robot.kernel("constraint_jacobian", constraints=independent_constraints, by="q")(q)
-        b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=independent_constraints, by=("q", "dq"))(q, dq)
+        A = closed.constraint_jacobian(q)[..., independent_rows, :]
+        jacobian_kernel = robot.kernel("constraint_jacobian", constraints=independent_constraints, by="q")
+        bias_kernel = robot.kernel("constraint_bias", constraints=independent_constraints, by=("q", "dq"))
+        A_by_q = jacobian_kernel(q)
+        b_by_q, b_by_dq = bias_kernel(q, dq)
     slopes = Slopes(A, A_by_q, b_by_q, b_by_dq, f, f_by_q, f_by_dq, robot.mass_matrix(q))
     return constrained_derivatives(slopes, dq, ddq, is_driven)
 
@@ -209,20 +213,20 @@ def inverse_dynamics_derivatives(
 
 
 def link_wrenches(closed: ConstrainedRobot, q: Array, lam: Array) -> list[tuple[str, Array]]:
-    """Pairs (frame, (..., 6)): wrenches by the robot equivalent to λ (..., k) on its links; none for the ground."""
+    """Wrenches by the robot that are equivalent to λ (..., k): pairs of a frame and its wrench (..., 6), without the ground."""
     pairs: list[tuple[str, Array]] = []
     robot = closed.open()
-    poses: Iterator[Array] = iter(())
+    closure_poses: Iterator[Array] = iter(())
     if any(isinstance(constraint, Closure) for constraint in closed.constraints):
         T = robot.engine.call("closure_poses", q, constraints=closed.constraints)
-        poses = iter(np.moveaxis(T, -3, 0))
+        closure_poses = iter(np.moveaxis(T, -3, 0))  # one T_cb for each closure, in the order of the constraints
     for name, constraint in zip(names(closed.constraints), closed.constraints, strict=True):
         F = closed.wrenches(lam)[name]
         if isinstance(constraint, Rolling):
             T = robot.forward_kinematics(q, constraint.frame)
             pairs.append((constraint.frame, _body_wrench(constraint.kind, T, F)))
             continue
-        T_cb = next(poses)
+        T_cb = next(closure_poses)
         R_bc = np.swapaxes(T_cb[..., :3, :3], -1, -2)
         if place_of(robot.model, constraint.frame_b).body != BASE:
             pairs.append((constraint.frame_b, _rotate(R_bc, F)))
@@ -234,7 +238,7 @@ def link_wrenches(closed: ConstrainedRobot, q: Array, lam: Array) -> list[tuple[
 
 
 def _body_wrench(kind: str, T: Array, F: Array) -> Array:
-    """Wrench in a frame with the pose T, from one at the point and along the axes of a kind of Jacobian."""
+    """Wrench in a frame with the pose T, from a wrench F as the Jacobian of this kind takes it: body, space or mixed."""
     if kind == "body":
         return F
     if kind == "space":

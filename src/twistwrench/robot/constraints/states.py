@@ -1,4 +1,4 @@
-"""Checks that states meet the constraints, and warnings of those that are far from it, or singular."""
+"""Errors for states that violate the constraints, and warnings of singular or distant configurations."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 MAX_GAP_OF_SPAN = 1e-2
-"""Largest gap of the loops in constrained dynamics, rad, and fraction of their span.
+"""Largest gap of the loops in constrained dynamics: angles in rad, lengths as a fraction of the loop's span.
 
 Intermediate stages of an integrator have small errors: gaps grow with the square of the step, rates with the step.
 """
 MAX_RATE_VIOLATION = 0.1
-"""Largest fraction of a rate that may violate the constraints, for the same reason as :data:`MAX_GAP_OF_SPAN`."""
+"""Largest fraction of a rate that may violate the constraints: intermediate stages of an integrator violate them, too."""
 REST_SPEED = 1e-3
-"""Speed below which joints count as at rest, rad/s, and fraction of the robot's length per s.
+"""Speed below which joints count as at rest: in rad/s, or in lengths of the robot per s.
 
 Where a motion reverses, velocities are as small as integration errors, so that any fraction of them may violate the
 constraints.
 """
 SINGULAR_RESPONSE = 1e-2
-"""Response of a row to a motion below which it is near a singular configuration, as a fraction of its typical size.
+"""Response of a row to a motion, as a fraction of its typical size, below which the configuration is nearly singular.
 
-Rounding and integration errors dominate such rows.
+Rounding and integration errors dominate such a response.
 """
 
 
 def require_closed(closed: ConstrainedRobot, gaps: Array, tolerance: float, batch_shape: tuple[int, ...]) -> None:
-    """Raise ConstraintError that names the start with the largest of its ``gaps`` (n,), if it exceeds ``tolerance``."""
+    """Raise ConstraintError that names the start with the largest of the ``gaps`` (n,), if this exceeds ``tolerance``."""
     if not (gaps > tolerance).any():
         return
     worst_state = int(gaps.argmax())
@@ -53,17 +53,17 @@ def require_closed(closed: ConstrainedRobot, gaps: Array, tolerance: float, batc
 
 
 def warn_of_far(robot: Robot, q: Array, result: Array, within: float) -> None:
-    """Warn if a joint moved further than ``within`` from q to ``result`` (..., nq); names the joint that moved furthest."""
+    """Warn if a joint moved further than ``within`` from q to ``result`` (..., nq), with the joint that moved furthest."""
     displacement = np.abs(robot.subtract(result, q))
     if not (displacement > within).any():
         return
-    *row, k = np.unravel_index(int(displacement.argmax()), displacement.shape)
+    *batch_index, k = np.unravel_index(int(displacement.argmax()), displacement.shape)
     is_farthest = np.arange(robot.nv) == k
     (joint,) = joints(robot, is_farthest)
     warnings.warn(
         f"the closed configuration found is not near: joint {joint!r} moved by {printed(displacement.max(), 3)} (rad or m)"
-        f"{_batch_row_text(row)}, and {printed(within)} is called near. robot.subtract(found, q) is how far each one went; "
-        "start nearer to the configuration meant, or allow more: consistent(q, within=…).",
+        f"{_batch_row_text(batch_index)}, and {printed(within)} is called near. robot.subtract(found, q) is how far each one "
+        "went; start nearer to the configuration meant, or allow more: consistent(q, within=…).",
         ConstraintWarning,
         stacklevel=frames_to_user(),
     )
@@ -87,11 +87,13 @@ def require_met(closed: ConstrainedRobot, q: Array, dq: Array, ddq: Array | None
     gaps = np.abs(closed.gaps(q))
     allowed_gaps = MAX_GAP_OF_SPAN * closed.spans[has_gap]
     if not (gaps <= allowed_gaps).all():
-        *row, k = np.unravel_index(int((gaps / allowed_gaps).argmax()), gaps.shape)
-        name = row_names(closed.constraints)[np.flatnonzero(has_gap)[k]]
+        worst_index = np.unravel_index(int((gaps / allowed_gaps).argmax()), gaps.shape)
+        *batch_index, k = worst_index
+        row = np.flatnonzero(has_gap)[k]  # of A
+        name = row_names(closed.constraints)[row]
         raise ConstraintError(
-            f"q leaves loops open by {printed(gaps[(*row, k)], 3)} (rad or m) in {name!r}{_batch_row_text(row)}, allowed "
-            f"{printed(allowed_gaps[k], 3)}: begin with closed.consistent(q)."
+            f"q leaves loops open by {printed(gaps[worst_index], 3)} (rad or m) in {name!r}{_batch_row_text(batch_index)}, "
+            f"allowed {printed(allowed_gaps[k], 3)}: begin with closed.consistent(q)."
         )
     A = closed.constraint_jacobian(q)
     _require_rate(closed, q, "dq", A, dq, np.zeros(1), "closed.project_velocity(q, dq)")
@@ -101,9 +103,12 @@ def require_met(closed: ConstrainedRobot, q: Array, dq: Array, ddq: Array | None
 
 
 def _require_rate(closed: ConstrainedRobot, q: Array, name: str, A: Array, v: Array, b: Array, remedy: str) -> None:
-    """Raise ConstraintError if A v + b, which should be zero, is too large for rates v (..., nv) called ``name``."""
-    violation_of_rows = np.abs((A @ v[..., None])[..., 0] + b)
-    violation = (violation_of_rows / closed.sizes).max(axis=-1, initial=0.0)
+    """Raise ConstraintError if A v + b, which should be zero, is too large for rates v (..., nv) called ``name``.
+
+    ``remedy`` is the call that returns the nearest rates without a violation.
+    """
+    row_violations = np.abs((A @ v[..., None])[..., 0] + b)
+    violation = (row_violations / closed.sizes).max(axis=-1, initial=0.0)
     # The terms of A v + b without their signs, none of which is smaller than at rest.
     speeds = np.abs(v) + REST_SPEED * rate_units(closed)
     sum_of_terms = (np.abs(A) @ speeds[..., None])[..., 0] + np.abs(b)
@@ -111,7 +116,8 @@ def _require_rate(closed: ConstrainedRobot, q: Array, name: str, A: Array, v: Ar
     if (violation <= MAX_RATE_VIOLATION * usual_rate).all():
         return
     # Scaled by the mass matrix, a row of typical size is 1; this is the typical response of rows to such a motion.
-    twice_kinetic_energy = (v * (closed.open().mass_matrix(q) @ v[..., None])[..., 0]).sum(axis=-1)
+    momentum = (closed.open().mass_matrix(q) @ v[..., None])[..., 0]
+    twice_kinetic_energy = (v * momentum).sum(axis=-1)
     response = np.sqrt(np.maximum(twice_kinetic_energy, 0.0))
     usual_rate = np.maximum(usual_rate, SINGULAR_RESPONSE * response)
     if (violation <= MAX_RATE_VIOLATION * usual_rate).all():
@@ -138,14 +144,14 @@ def place_in_batch(flat_index: int, batch_shape: tuple[int, ...]) -> str:
     return _batch_row_text(np.unravel_index(flat_index, batch_shape))
 
 
-def _batch_row_text(row: Iterable[Any]) -> str:
-    """Clause with a row, an index in each axis of a batch; empty without axes."""
-    indices = ", ".join(map(str, row))
+def _batch_row_text(batch_index: Iterable[Any]) -> str:
+    """Clause with the row of a batch, from its index in each axis of the batch; empty without axes."""
+    indices = ", ".join(map(str, batch_index))
     return f" (row {indices} of the batch)" if indices else ""
 
 
 def joints(robot: Robot, mask: Array) -> list[str]:
-    """Joints of the velocities selected by a mask (nv,), each once."""
+    """Names of the joints whose velocities are selected by a mask (nv,), each once."""
     joint_of_velocity: list[str] = []
     for body in robot.model.leaders:
         joint_of_velocity += [body.joint.name] * body.joint.nv

@@ -12,7 +12,7 @@ from ...mechanics.model.description import grouped
 
 
 class _Files(Answer):
-    """Written files of a robot. The answer is not a judgement; it is true if the list or tuple has entries."""
+    """Answer about written files of a robot, beside a list or tuple: true if this has entries."""
 
     path: Path
     """The file, the folder, or the main file."""
@@ -63,7 +63,9 @@ class Written(tuple[Path, ...], _Files):
     def __new__(cls, files: Iterable[Path], path: Path, robot: str, check: str = "") -> Written:
         """Make the tuple of the files."""
         written = super().__new__(cls, files)
-        written.path, written._robot, written.check = path, robot, check
+        written.path = path
+        written._robot = robot
+        written.check = check
         return written
 
     @classmethod
@@ -84,12 +86,15 @@ class Written(tuple[Path, ...], _Files):
         >>> Written.joined([one, other]).brief
         '2 files'
         """
-        first = exports[0]
+        first_export = exports[0]
         if len(exports) == 1:
-            return first
-        files = [file for export in exports for file in export]
-        checks = "".join(export.check for export in exports)
-        return cls(files, first.path, first.robot_name, checks)
+            return first_export
+        files: list[Path] = []
+        commands = ""
+        for export in exports:
+            files += export
+            commands += export.check
+        return cls(files, first_export.path, first_export.robot_name, commands)
 
     def __getnewargs__(self) -> tuple[tuple[Path, ...], Path, str, str]:
         return tuple(self), self.path, self._robot, self.check
@@ -119,7 +124,7 @@ class Saved(list[str], _Files):
 
     Parameters
     ----------
-    lost : iterable of str, sentences
+    lost : iterable of str, a sentence on each lost property
     path : Path of the file
     robot : str, name of the robot
     strict : bool, lost properties count against the verdict
@@ -151,6 +156,7 @@ class Saved(list[str], _Files):
 
     @property
     def _loss_text(self) -> str:
+        """Number of lost properties, in a sentence without full stop; empty if none is lost."""
         if not self:
             return ""
         properties = "1 property" if len(self) == 1 else f"{len(self)} properties"

@@ -64,10 +64,10 @@ class _CallFrame(Structure):
 
 
 _HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
-"""Type of a handler: call frame → address of an error, or None."""
+"""C type of a handler: call frame → address of an error, or None."""
 _ERROR_FUNCTION = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
-"""Type of XLA's function that makes an error."""
-_numbers = itertools.count()
+"""C type of XLA's function that makes an error."""
+_target_numbers = itertools.count()
 """Numbers that distinguish the names of targets."""
 _targets: dict[tuple[int, str, bool], tuple[str, Any, Any]] = {}
 """Names of targets with their kernels and handlers, by kernel id, type and scalar flag.
@@ -79,9 +79,9 @@ They are never freed, because XLA keeps their addresses.
 def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char: str, *, scalar: bool) -> str:
     """Register ``kernel(*inputs, out=results)`` with ``count`` inputs as a target of ``jax.ffi.ffi_call``; returns its name.
 
-    ``char`` is the letter of the type; ``scalar`` is true for single samples.
+    ``char`` is the character of the number type; ``scalar`` is true for single samples.
     """
-    key = id(kernel), char, scalar
+    key = (id(kernel), char, scalar)
     if key not in _targets:
         version = _interface_version(jax)
         if is_compiled(kernel):
@@ -90,9 +90,9 @@ def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char
         else:
             handler = _python_handler(name, kernel, count, version)
             capsule = jax.ffi.pycapsule(handler)
-        target = f"twistwrench_{name}_{next(_numbers)}"
+        target = f"twistwrench_{name}_{next(_target_numbers)}"
         jax.ffi.register_ffi_target(target, capsule, platform="cpu")
-        _targets[key] = target, kernel, handler
+        _targets[key] = (target, kernel, handler)
     target, _, _ = _targets[key]
     return target
 
@@ -101,21 +101,22 @@ def _python_handler(name: str, kernel: Callable[..., Any], count: int, version: 
     """Handler that calls a kernel of Python with ``count`` inputs."""
 
     def handle(frame_pointer: Any) -> int | None:
+        """Answer a query of the version, or run the kernel; the address of an error, or None."""
         frame = frame_pointer.contents
         try:
             extension = _Extension.from_address(frame.extension) if frame.extension else None
             if extension is not None and extension.type == _METADATA_EXTENSION:  # XLA queries the version only
-                answer = extension.metadata.contents.version
-                answer.major, answer.minor = version
+                metadata = extension.metadata.contents
+                metadata.version.major, metadata.version.minor = version
             elif frame.stage == _EXECUTE_STAGE:
                 inputs = _arrays(frame.args)[:count]
                 kernel(*inputs, out=tuple(_arrays(frame.rets)))
         except Exception as error:  # exceptions must not propagate through C
             message = f"{name}: {error}".encode()
-            failure = _ErrorCreate(ctypes.sizeof(_ErrorCreate), message=message, code=_INTERNAL_ERROR)
+            error_arguments = _ErrorCreate(ctypes.sizeof(_ErrorCreate), message=message, code=_INTERNAL_ERROR)
             make_error = _ERROR_FUNCTION(frame.api.contents.error_create)
-            address: int | None = make_error(ctypes.byref(failure))
-            return address
+            error_address: int | None = make_error(ctypes.byref(error_arguments))
+            return error_address
         return None
 
     return _HANDLER(handle)
@@ -124,15 +125,15 @@ def _python_handler(name: str, kernel: Callable[..., Any], count: int, version: 
 def _interface_version(jax: Any) -> tuple[int, int]:
     """Version of the FFI in the header of the installed JAX; 0.1 if the header does not state it."""
     header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
-    major = re.search(r"#define XLA_FFI_API_MAJOR (\d+)", header)
-    minor = re.search(r"#define XLA_FFI_API_MINOR (\d+)", header)
-    if major is None or minor is None:
+    major_match = re.search(r"#define XLA_FFI_API_MAJOR (\d+)", header)
+    minor_match = re.search(r"#define XLA_FFI_API_MINOR (\d+)", header)
+    if major_match is None or minor_match is None:
         return 0, 1
-    return int(major[1]), int(minor[1])
+    return int(major_match[1]), int(minor_match[1])
 
 
 def _arrays(buffers: Any) -> Sequence[Any]:
-    """Arrays on the memory of XLA's buffers."""
+    """Arrays on the memory of XLA's buffers, without copies."""
     return [_array(buffers.buffers[k].contents) for k in range(buffers.count)]
 
 

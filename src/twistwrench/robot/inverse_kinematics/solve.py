@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _MIN_REPORTED_GAP = 1e-9
-"""Smallest gap (rad or m) that is reported with the remaining pose error."""
+"""Gap (rad or m) above which it is reported with the remaining pose error."""
+_SAMPLED_CONFIGURATIONS = 8
+"""Number of random configurations at which Jacobians are sampled."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class PoseRequest:
     """Inverse-kinematics request: joints, rows of the frames, number of loop rows."""
 
     joint_names: tuple[str, ...]
+    """Name of the joint of each velocity."""
     frames: tuple[tuple[int, ...], ...]
     """Selected rows of each frame."""
     loops: int = 0
@@ -64,7 +67,7 @@ class IKResult:
 
     @property
     def angle(self) -> Array:
-        """(...) rad, remaining angle; ``angle``, ``distance`` and ``converged`` refer to ``q`` before rounding to float32."""
+        """(...) rad, remaining angle. ``angle``, ``distance`` and ``converged`` refer to ``q`` before rounding to float32."""
         return self._remaining_error(angular=True)
 
     @property
@@ -75,8 +78,8 @@ class IKResult:
     @property
     def gap(self) -> Array:
         """(...) rad or m, largest gap of the loops of a closed robot; zero for an open one."""
-        first = FIRST_ROW + len(self.rows)
-        gaps = self._status[..., first : first + self._request.loops]
+        first_gap = FIRST_ROW + len(self.rows)  # column
+        gaps = self._status[..., first_gap : first_gap + self._request.loops]
         return np.asarray(np.abs(gaps).max(axis=-1, initial=0.0))
 
     @property
@@ -87,13 +90,13 @@ class IKResult:
     @property
     def held(self) -> Array:
         """(..., nv) of bool: joints whose limits prevent a smaller error."""
-        first = self._status.shape[-1] - len(self.joint_names)
-        is_at_limit: Array = self._status[..., first:] > 0.5  # 0.0 or 1.0
+        first_joint = self._status.shape[-1] - len(self.joint_names)  # column
+        is_at_limit: Array = self._status[..., first_joint:] > 0.5  # 0.0 or 1.0
         return is_at_limit & ~self.converged[..., None]
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """A name for each entry of ``held``."""
+        """Name of each entry of ``held``."""
         return self._request.joint_names
 
     @property
@@ -104,10 +107,11 @@ class IKResult:
     def _remaining_error(self, *, angular: bool) -> Array:
         """Norm of the remaining angles, or of the distances between the origins, over all frames."""
         sum_of_squares = np.zeros(self._status.shape[:-1])
-        first = FIRST_ROW
+        column = FIRST_ROW
         for rows in self._request.frames:
-            error = self._status[..., first : first + len(rows)]
-            first += len(rows)
+            next_column = column + len(rows)
+            error = self._status[..., column:next_column]
+            column = next_column
             if len(rows) == 6 and not angular:
                 # The linear part of a twist with rotation is longer than the distance, so that exp([V]) is needed.
                 displacement = se3.exp(error)[..., :3, 3]
@@ -149,10 +153,10 @@ class IKResult:
         gap = float(self.gap[index])
         if gap > _MIN_REPORTED_GAP:
             nearest += f", with loops open by {printed(gap, 3)} (rad or m)"
-        joints = list(compress(self.joint_names, self.held[index]))
-        if joints:
-            limits = "is at its limit" if len(joints) == 1 else "are at their limits"
-            return f"{', '.join(joints)} {limits}: {nearest}"
+        joints_at_limit = list(compress(self.joint_names, self.held[index]))
+        if joints_at_limit:
+            verb = "is at its limit" if len(joints_at_limit) == 1 else "are at their limits"
+            return f"{', '.join(joints_at_limit)} {verb}: {nearest}"
         return f"out of reach, or of this search: {nearest}"
 
     def __repr__(self) -> str:
@@ -181,26 +185,28 @@ def clear_of_links(
 ) -> IKResult:
     """Result whose solutions keep a distance ``min_distance`` [m] between links.
 
-    A solution that does not is replaced by the nearest sufficient one from other ``starts`` (k, nq). A pose without
-    such a solution counts as not reached. ``targets`` are the poses, with the leading axes of q. ``search`` solves one
-    pose from many starts.
+    A solution with a smaller distance is replaced by the nearest sufficient solution from other ``starts`` (k, nq). A pose
+    without a sufficient solution counts as not reached. ``targets`` are the poses, with the leading axes of q. ``search``
+    solves one pose from many starts.
     """
-    q, status = result.q.copy(), result._status.copy()
+    q = result.q.copy()
+    status = result._status.copy()
     rejection_reasons: dict[tuple[int, ...], str] = {}
     for entry in np.argwhere(result.converged):
         index = tuple(entry.tolist())
         closest = clearance(q[index])
         if closest.distance >= min_distance:
             continue
-        others = search(targets[index], starts)
-        solutions = np.flatnonzero(others.converged)
-        sufficient = solutions[clearance(others.q[solutions]).distance >= min_distance]
+        other_results = search(targets[index], starts)
+        solutions = np.flatnonzero(other_results.converged)  # indices of the starts
+        link_distances = clearance(other_results.q[solutions]).distance
+        sufficient = solutions[link_distances >= min_distance]
         status[index][ATTEMPT_COUNT] += len(starts)
         if len(sufficient):
-            largest_joint_distances = np.abs(others.q[sufficient] - q[index]).max(axis=1)
+            largest_joint_distances = np.abs(other_results.q[sufficient] - q[index]).max(axis=1)
             nearest = sufficient[largest_joint_distances.argmin()]
-            q[index] = others.q[nearest]
-            status[index][OUTCOME:] = others._status[nearest][OUTCOME:]
+            q[index] = other_results.q[nearest]
+            status[index][OUTCOME:] = other_results._status[nearest][OUTCOME:]
             continue
         status[index][OUTCOME] = 0.0
         gap_text = f"{printed(closest.distance, 3)} m apart" if closest.distance > 0 else "in contact"
@@ -219,7 +225,8 @@ def clear_of_links(
 Rows = str | Iterable[int | str] | None
 
 MAX_LOOP_GAP = 1e-6
-"""rad, and fraction of the robot's length: a loop that converged with a larger gap is flipped by π."""
+"""Largest gap of a closed loop: in rad, or as a fraction of the robot's length. A converged loop with a larger one is flipped
+by π."""
 MAX_REMEMBERED_OPTIONS = 16
 """Largest number of option sets that are remembered for searches of single poses."""
 
@@ -243,15 +250,15 @@ def solve(
     """
     # Calls with plain options take a fast path from the third one on; this part takes a large share of its time.
     remembered_searches, memory_key = robot.engine.single_poses, None
-    plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str) and not nearest
-    if plain and loops is None and type(rng) is int and type(restarts) is int and type(angle) is float:
-        memory_key = frame, rows, restarts, rng, angle, distance
+    is_plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str) and not nearest
+    if is_plain and loops is None and type(rng) is int and type(restarts) is int and type(angle) is float:
+        memory_key = (frame, rows, restarts, rng, angle, distance)
         remembered = remembered_searches.get(memory_key)
         if remembered is not None:
             single_pose, request = remembered
             solution = single_pose.solve(T, q0)
             if solution is not None:
-                return IKResult(solution[0], solution[1], request)
+                return IKResult(*solution, request)
     request, search, settings = _checked_request(robot, frame, rows, restarts, rng, angle, distance, loops)
     restart_count, _, tolerances = settings
     target_shape = search.target_shape
@@ -275,10 +282,10 @@ def solve(
         exact_target = _rigid(target)
     poses = np.broadcast_to(exact_target, (*batch_shape, *target_shape)).reshape(-1, *target_shape)
     q, status = search.best(poses, start, *settings)
-    unsolved = ~(status[:, OUTCOME] >= 0.0)  # NaN too
-    if unsolved.any():  # these poses are not rigid, or not to the last digit
+    is_unsolved = ~(status[:, OUTCOME] >= 0.0)  # NaN too
+    if is_unsolved.any():  # these poses are not rigid, or not to the last digit
         rigid_poses = _rigid(target, (*batch_shape, *target_shape)).reshape(-1, *target_shape)
-        q[unsolved], status[unsolved] = search.best(rigid_poses[unsolved], start[unsolved], *settings)
+        q[is_unsolved], status[is_unsolved] = search.best(rigid_poses[is_unsolved], start[is_unsolved], *settings)
         _erase_invalid(q, status)
     elif memory_key is not None and not batch_shape and restart_count <= PLACES:
         _remember_search(remembered_searches, memory_key, search, settings, request)
@@ -291,35 +298,36 @@ def solve(
 
 
 def _erase_invalid(q: Array, status: Array) -> None:
-    """Fill the rows of poses that are not valid with NaN, without attempts."""
-    invalid = ~np.isfinite(status[:, OUTCOME])
-    q[invalid] = np.nan
-    status[invalid] = np.nan
-    status[invalid, ATTEMPT_COUNT] = 0.0
+    """Fill the rows of poses that are not valid with NaN, in place; their number of attempts is 0."""
+    is_invalid = ~np.isfinite(status[:, OUTCOME])
+    q[is_invalid] = np.nan
+    status[is_invalid] = np.nan
+    status[is_invalid, ATTEMPT_COUNT] = 0.0
 
 
 def _remember_search(
     remembered_searches: dict[Any, Any], key: Any, search: PoseSearch, settings: tuple[int, int, tuple[float, float]],
     request: PoseRequest,
 ) -> None:  # fmt: skip
-    """Remember the options of a call for one pose. At their second call, its fast path is stored if there is one."""
+    """Remember the options of a call for one pose; at the second call with them also the fast path, if there is one."""
     if len(remembered_searches) >= MAX_REMEMBERED_OPTIONS and key not in remembered_searches:
         remembered_searches.clear()
-    remembered = None
+    fast_path = None
     if key in remembered_searches:
-        single = SinglePose(search, *settings)
-        if single.call is not None:
-            remembered = single, request
-    remembered_searches[key] = remembered
+        single_pose = SinglePose(search, *settings)
+        if single_pose.call is not None:
+            fast_path = (single_pose, request)
+    remembered_searches[key] = fast_path
 
 
 def _batch_shape(target: Array, start: Array, target_shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Broadcast leading axes of poses (..., *target_shape) and start configurations (..., nq); raises ShapeError."""
-    shape = target.shape[: -len(target_shape)]
-    if start.shape[:-1] == shape:
-        return shape
+    """Common leading axes of poses (..., *target_shape) and start configurations (..., nq); raises ShapeError."""
+    target_batch = target.shape[: -len(target_shape)]
+    start_batch = start.shape[:-1]
+    if start_batch == target_batch:
+        return target_batch
     try:
-        return np.broadcast_shapes(shape, start.shape[:-1])
+        return np.broadcast_shapes(target_batch, start_batch)
     except ValueError:
         raise ShapeError(
             f"inverse_kinematics: T {target.shape} and q0 {start.shape} do not broadcast over their leading axes."
@@ -360,7 +368,8 @@ def _checked_request(
             f"restarts={arguments.value_text(restarts)}, rng={arguments.value_text(rng)}: give a whole number of at least 0, "
             "and a seed."
         )
-    angle, distance = arguments.number(angle, "angle"), arguments.number(distance, "distance")
+    angle = arguments.number(angle, "angle")
+    distance = arguments.number(distance, "distance")
     if not (0 < angle < np.inf and 0 < distance < np.inf):
         raise ValueRangeError(
             f"angle={printed(angle)}, distance={printed(distance)}: give what may be left, finite and above 0."
@@ -371,16 +380,17 @@ def _checked_request(
         )
     search = _search(robot, frames, loops)
     loop_row_count = 0 if loops is None else len(loops.kinds)
-    request = PoseRequest(robot.model.velocity_names, tuple(own_rows for _, own_rows in frames), loop_row_count)
-    tolerances = angle, distance * max(1.0, search.length)  # large robots: relative to their length
+    rows_by_frame = tuple(own_rows for _, own_rows in frames)
+    request = PoseRequest(robot.model.velocity_names, rows_by_frame, loop_row_count)
+    tolerances = (angle, distance * max(1.0, search.length))  # large robots: relative to their length
     return request, search, (restart_count, seed, tolerances)
 
 
 def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:
-    """Poses with rotations that are orthonormal in float64; raises an error for arrays that are not poses."""
+    """Poses with rotations that are orthonormal in float64, broadcast to a ``shape`` if it is given; raises for non-poses."""
     T = np.array(arguments.pose(target, "inverse_kinematics: T"), float)
     T[..., :3, :3] = so3.project(T[..., :3, :3])
-    T[..., 3, :] = 0.0, 0.0, 0.0, 1.0
+    T[..., 3, :] = [0.0, 0.0, 0.0, 1.0]
     return np.broadcast_to(T, shape) if shape else T
 
 
@@ -394,8 +404,8 @@ def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
     """Frames by name, each with its rows."""
     is_single = frame is None or isinstance(frame, str)
     names = [frame] if is_single else list(frame)
-    is_valid = is_single or all(isinstance(name, str) for name in names)
-    if not names or not is_valid:
+    are_texts = is_single or all(isinstance(name, str) for name in names)
+    if not names or not are_texts:
         raise ValueRangeError(f"frame={frame!r}: give the name of a link, or several, one for each pose.")
     if len(set(names)) < len(names):
         raise ValueRangeError(f"frame={frame!r}: a frame is there twice.")
@@ -414,53 +424,62 @@ def _search(robot: Robot, frames: Frames, loops: LoopClosureSolver | None = None
     """Search of a robot for the given frames and rows, created once and cached."""
 
     def sample_jacobians(frame: str) -> list[Array]:
-        samples = random_configuration(robot.model, np.random.default_rng(0), (8,))
+        """Jacobians of a frame at random configurations."""
+        samples = random_configuration(robot.model, np.random.default_rng(0), (_SAMPLED_CONFIGURATIONS,))
         return [robot.engine.reference("jacobian", (q,), {"frame": frame}) for q in samples]
 
     def build() -> PoseSearch:
         J = np.array([sample_jacobians(name) for name, _ in frames])
-        # Largest displacement of a frame per radian or metre of a joint.
-        farthest = float(np.linalg.norm(J[..., 3:, :], axis=-2).max(initial=0.0))
-        poses = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
-        return PoseSearch(robot.model, frames, farthest, poses, robot.engine.kernel(("subtract",), {}), loops)
+        J_v = J[..., 3:, :]
+        largest_lever = float(
+            np.linalg.norm(J_v, axis=-2).max(initial=0.0)
+        )  # displacement per radian or metre of a joint
+        pose_kernels = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
+        subtract = robot.engine.kernel(("subtract",), {})
+        return PoseSearch(robot.model, frames, largest_lever, pose_kernels, subtract, loops)
 
-    search: PoseSearch = robot.engine.cache(("inverse kinematics", frames, loops and loops.key), build)
+    loops_key = None if loops is None else loops.key
+    search: PoseSearch = robot.engine.cache(("inverse kinematics", frames, loops_key), build)
     return search
 
 
 def _close_loops(
     search: PoseSearch, frames: Frames, loops: LoopClosureSolver, targets: Array, solution: tuple[Array, Array]
 ) -> tuple[Array, Array]:
-    """Close the loops near configurations q (n, nq) whose poses were not reached; returns q and the search's status."""
+    """Close the loops near configurations q (n, nq) whose poses were not reached; returns q and the search's status.
+
+    ``solution`` has both before; its arrays are overwritten.
+    """
     q, status = solution
-    finite = np.flatnonzero(np.isfinite(q).all(axis=-1))
+    finite_indices = np.flatnonzero(np.isfinite(q).all(axis=-1))
     row_count = sum(len(own_rows) for _, own_rows in frames)
     row_columns = slice(FIRST_ROW, FIRST_ROW + row_count)
     gap_columns = slice(row_columns.stop, row_columns.stop + len(loops.kinds))
-    status[finite, gap_columns], largest_gaps = loops.search_gaps(q[finite])
-    is_reached = (status[finite, OUTCOME] > 0.0) & (largest_gaps <= MAX_LOOP_GAP)
-    failed = finite[~is_reached]
-    status[failed, OUTCOME] = 0.0
-    q_closed = loops.close(q[failed])
+    status[finite_indices, gap_columns], largest_gaps = loops.search_gaps(q[finite_indices])
+    is_reached = (status[finite_indices, OUTCOME] > 0.0) & (largest_gaps <= MAX_LOOP_GAP)
+    failed_indices = finite_indices[~is_reached]
+    status[failed_indices, OUTCOME] = 0.0
+    q_closed = loops.close(q[failed_indices])
     _, largest_gaps = loops.search_gaps(q_closed)
     is_inside = (search.inside(q_closed) == q_closed).all(axis=-1)
     is_usable = (largest_gaps <= MAX_LOOP_GAP) & is_inside
-    replaced = failed[is_usable]
-    q[replaced] = q_closed[is_usable]
-    status[replaced, gap_columns], _ = loops.search_gaps(q[replaced])
-    if len(replaced):
+    closed_indices = failed_indices[is_usable]
+    q[closed_indices] = q_closed[is_usable]
+    status[closed_indices, gap_columns], _ = loops.search_gaps(q[closed_indices])
+    if len(closed_indices):
         frame_targets = np.moveaxis(targets.reshape(len(q), -1, 4, 4), 1, 0)
         errors = []
-        for (_, own_rows), poses, target in zip(frames, search.poses, frame_targets, strict=True):
-            errors.append(twist_left(poses(q[replaced]), target[replaced], own_rows))
-        status[replaced, row_columns] = np.concatenate(errors, axis=-1)
+        for (_, own_rows), pose_kernel, target in zip(frames, search.poses, frame_targets, strict=True):
+            T = pose_kernel(q[closed_indices])
+            errors.append(twist_left(T, target[closed_indices], own_rows))
+        status[closed_indices, row_columns] = np.concatenate(errors, axis=-1)
     return q, status
 
 
 def twist_left(T: Array, target: Array, rows: tuple[int, ...]) -> Array:
     """Body twist V with T exp([V]) = target, MR section 6.2; (n, 4, 4), (n, 4, 4) → (n, number of rows).
 
-    If only some of the six rows are selected, they are those of the rotation vector and the displacement instead.
+    If fewer than six rows are selected, they are rows of the rotation vector and the displacement instead.
     """
     R, p = T[:, :3, :3], T[:, :3, 3]
     R_inverse = np.swapaxes(R, -1, -2)
@@ -468,4 +487,5 @@ def twist_left(T: Array, target: Array, rows: tuple[int, ...]) -> Array:
     displacement = (R_inverse @ (target[:, :3, 3] - p)[..., None])[..., 0]
     if len(rows) == 6:
         return np.asarray(se3.log(se3.pose(rotation, displacement)))
-    return np.take(np.concatenate([so3.log(rotation), displacement], axis=-1), rows, axis=1)
+    all_rows = np.concatenate([so3.log(rotation), displacement], axis=-1)
+    return np.take(all_rows, rows, axis=1)

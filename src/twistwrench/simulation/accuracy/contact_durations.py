@@ -11,20 +11,21 @@ from ...core.numbers import printed
 from ...core.typing import Array
 
 MAX_STEPS_OF_SHORT_CONTACT = 2
-"""Largest number of consecutive step ends with a closed contact for which the contact counts as too short."""
+"""Largest number of consecutive ends of steps at which a contact is closed and still counts as too short."""
 
 
 class ContactDurations:
-    """Contact states of a run, step by step."""
+    """Contact states of a run, step by step, and its contacts that were too short."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
-        self._closed = np.zeros(len(self.names), bool)
-        self._since = np.zeros(len(self.names), int)
-        """Index of the step end at which each contact closed last."""
+        self._is_closed = np.zeros(len(self.names), bool)
+        """True for contacts that were closed at the end of the last step."""
+        self._closing_steps = np.zeros(len(self.names), int)
+        """Number of the step at whose end each contact closed last."""
         self._worked = False
         """True if contacts did work in the last step."""
-        self._steps = 0
+        self._step_count = 0
         """Number of recorded steps."""
         self.short = 0
         """Number of contacts that began and ended within three steps."""
@@ -32,34 +33,35 @@ class ContactDurations:
         """Name and time of the first of these contacts, as text."""
 
     def step(self, t: float, gaps: Sequence[float], *, worked: bool) -> bool:
-        """Record the gaps at the end t of a step, and whether contacts did work; returns True if the contact state changed."""
-        return bool(self.block(np.array([t]), np.array([gaps], float), np.array([worked]))[0])
+        """Record the gaps at the end t of a step, and if contacts did work; returns True if the contact state changed."""
+        (has_changed,) = self.block(np.array([t]), np.array([gaps], float), np.array([worked]))
+        return bool(has_changed)
 
     def block(self, times: Array, gaps: Array, worked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Record m steps that end at times (m,) with gaps (m, contacts) and a mask (m,) of those in which contacts did work.
+        """Record m steps that end at times (m,) with gaps (m, contacts); ``worked`` (m,) is True if contacts did work in them.
 
-        Returns a mask (m,) of the steps in which the contact state changed.
+        Returns (m,): True for steps in which the contact state changed.
         """
         if not self.names:
             return np.zeros(len(times), bool)
-        closed = np.concatenate([self._closed[None], gaps < 0.0])  # row k + 1 belongs to the end of step k
-        works = np.concatenate([[self._worked], worked])
-        changed = (closed[1:] != closed[:-1]).any(axis=1) | (works[1:] != works[:-1])
-        for k in np.flatnonzero(changed).tolist():
+        is_closed = np.concatenate([self._is_closed[None], gaps < 0.0])  # row k + 1 belongs to the end of step k
+        does_work = np.concatenate([[self._worked], worked])
+        has_changed = (is_closed[1:] != is_closed[:-1]).any(axis=1) | (does_work[1:] != does_work[:-1])
+        for k in np.flatnonzero(has_changed).tolist():
             t = float(times[k])
-            before, now = closed[k], closed[k + 1]
-            step = self._steps + k + 1
-            for j in np.flatnonzero(before & ~now).tolist():
-                if step - self._since[j] <= MAX_STEPS_OF_SHORT_CONTACT:
+            was_closed, ends_closed = is_closed[k], is_closed[k + 1]
+            step_number = self._step_count + k + 1
+            for j in np.flatnonzero(was_closed & ~ends_closed).tolist():
+                if step_number - self._closing_steps[j] <= MAX_STEPS_OF_SHORT_CONTACT:
                     self._note_short(self.names[j], t)
-            self._since[now & ~before] = step
-            began_to_work = works[k + 1] and not works[k]
-            if began_to_work and not before.any() and not now.any():  # it began and ended within this step
+            self._closing_steps[ends_closed & ~was_closed] = step_number
+            began_to_work = does_work[k + 1] and not does_work[k]
+            if began_to_work and not was_closed.any() and not ends_closed.any():  # it began and ended within this step
                 self._note_short("a contact", t)
-        self._closed = closed[-1]
-        self._worked = bool(works[-1])
-        self._steps += len(times)
-        return np.asarray(changed)
+        self._is_closed = is_closed[-1]
+        self._worked = bool(does_work[-1])
+        self._step_count += len(times)
+        return np.asarray(has_changed)
 
     def remark(self, h: float) -> str:
         """Remark on contacts for which steps of h are too long; empty if there are none."""

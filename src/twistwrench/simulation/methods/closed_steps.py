@@ -40,7 +40,7 @@ from .schemes import Scheme
 if TYPE_CHECKING:
     from ...robot.doors import ConstrainedRobot
 
-# Entries of the loop-closure state, which steps pass on with q and dq. Its largest values are those of all steps so far.
+# Indices of the loop-closure state, which steps pass on with q and dq. Largest values are over all steps so far.
 LARGEST_GAP = 0
 """Largest gap before projection [rad or m]."""
 LARGEST_RATE = 1
@@ -54,10 +54,10 @@ ON_CONSTRAINTS = 4
 LOOP_STATE_SIZE = 5
 
 SMALL_PIVOT = 1e-2
-"""Relative pivot that counts as small."""
+"""Relative pivot below which a pivot counts as small."""
 MIN_PIVOT_RATIO = 0.25
-"""Ratio of a small pivot to the one before it below which the constraints lose rank. The root of the pivot, which is nearly
-proportional to the distance from the singular configuration, has then halved. Another such step would reach or pass it."""
+"""Ratio of a small pivot to the pivot before the step, below which the constraints lose rank. The root of the pivot is nearly
+proportional to the distance from the singular configuration. It has then halved: another such step would reach or pass it."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class ClosedStep(StepPlan):
 
     @property
     def eases(self) -> bool:
-        """True if there is friction, which every method smooths."""
+        """True if there is friction: on constraints, every method smooths it."""
         return self.friction
 
     @cached_property
@@ -93,34 +93,35 @@ class ClosedStep(StepPlan):
 
     def recurrence(self) -> Scan:
         """Loop of steps, and the sources of its inputs."""
-        n = len(self.state)
-        program = trace(self._step, [*self.state, *self.inputs], [*dict(self.state), *self._reports])
-        sources = [Source("state", k) for k in range(n)]
+        part_count = len(self.state)
+        result_names = [*dict(self.state), *self._reports]
+        program = trace(self._step, [*self.state, *self.inputs], result_names)
+        sources = [Source("state", k) for k in range(part_count)]
         sources += [Source("given")] * len(self.inputs)
-        return Scan(program, tuple(sources), visible=n)
+        return Scan(program, tuple(sources), visible=part_count)
 
     def _step(self, q: Array, dq: Array, loop_state: Array, *rest: Any) -> tuple[Array, ...]:
         """One step by :class:`.schemes.RungeKutta` or :class:`.schemes.SemiImplicit`, and projection onto the constraints.
 
         ``rest`` are the works, if the plan has them, the step h and the inputs of the plan.
         """
-        start = (q, dq, *rest[: self.works])
-        h, *given = rest[self.works :]
-        first_rates, tau, _ = self._rates(q, q, dq, given)
+        start = (q, dq, *rest[: self.works])  # rates (q̇, q̈, powers) have the same parts
+        h, *inputs = rest[self.works :]
+        first_rates, tau, _ = self._rates(q, q, dq, inputs)
         if self.method in TABLEAUS:
             a, b, _, _, _ = TABLEAUS[self.method].numbers
             stages = [first_rates]
             for i in range(1, len(b)):
                 q_i, dq_i = _add_stages(start[:2], h, a[i], stages)
-                rates, _, _ = self._rates(q_i, q_i, dq_i, given)
+                rates, _, _ = self._rates(q_i, q_i, dq_i, inputs)
                 stages.append(rates)
             q1, dq1, *work = _add_stages(start, h, b, stages)
         else:
             dq1, *work = [x + h * rate for x, rate in zip(start[1:], first_rates[1:], strict=True)]
             q1 = add(self.model, q, h * dq1)
-        _, plant, _ = self._models(given)
+        _, plant, _ = self._models(inputs)
         q1, dq1, *errors = project_state(plant, q1, dq1, self.loops.constraints, self.loops.independent)
-        ddq = first_rates[1]
+        _, ddq, *_ = first_rates
         reports = [*[ddq] * self.works, *[tau] * self.returns_torques]  # each flag is 0 or 1
         return q1, dq1, self._next_loop_state(loop_state, *errors), *work, *reports
 
@@ -130,45 +131,48 @@ class ClosedStep(StepPlan):
         ddq, *_ = constrained_dynamics(plant, angles, dq, force, wrenches, self._independent_constraints)
         return ddq
 
-    def _next_loop_state(self, before: Array, gaps: Array, rates: Array, after: Array, pivots: Array) -> Array:
-        """Loop-closure state after a step, from the state ``before`` it and the results of its projection.
+    def _next_loop_state(
+        self, loop_state: Array, gaps: Array, rates: Array, remaining_gaps: Array, pivots: Array
+    ) -> Array:
+        """Loop-closure state after a step, from the state before the step and the results of its projection.
 
         Conditions are factors of 0 or 1; those on the pivot are the conditions of :func:`loses_rank`.
         """
         pivot: Any = smallest(pivots / np.array(self.typical_pivots), np.inf)
-        relative_gaps = after
+        relative_gaps = remaining_gaps
         if self.allowed_gaps:
-            relative_gaps = after / np.array(self.allowed_gaps)
-        shrinks_fast = positive(SMALL_PIVOT - pivot) * positive(MIN_PIVOT_RATIO * before[PIVOT] - pivot)
+            relative_gaps = remaining_gaps / np.array(self.allowed_gaps)
+        shrinks_fast = positive(SMALL_PIVOT - pivot) * positive(MIN_PIVOT_RATIO * loop_state[PIVOT] - pivot)
         keeps_rank = (1.0 - shrinks_fast) * (1.0 - positive(MIN_PIVOT - pivot))
-        on_constraints = before[ON_CONSTRAINTS] * keeps_rank * (1.0 - positive(largest(relative_gaps, 0.0) - 1.0))
-        loop_state = (
-            largest(gaps, before[LARGEST_GAP]),
-            largest(rates, before[LARGEST_RATE]),
-            largest(after, before[REMAINING_GAP]),
+        closes_loops = 1.0 - positive(largest(relative_gaps, 0.0) - 1.0)
+        on_constraints = loop_state[ON_CONSTRAINTS] * keeps_rank * closes_loops
+        next_loop_state = (
+            largest(gaps, loop_state[LARGEST_GAP]),
+            largest(rates, loop_state[LARGEST_RATE]),
+            largest(remaining_gaps, loop_state[REMAINING_GAP]),
             pivot,
             on_constraints,
         )  # in the order of their indices
-        return np.array(loop_state, object)
+        return np.array(next_loop_state, object)
 
 
 def _add_stages(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[Sequence[Array]]) -> list[Array]:
     """Parts of the state x + h Σ w_i k_i; stages k_i of weight 0 add no operations."""
     end = []
-    for part, x in enumerate(start):
-        weighted_rates = [float(w) * stage[part] for w, stage in zip(weights, stages, strict=False) if w]
+    for k, x in enumerate(start):
+        weighted_rates = [float(w) * stage[k] for w, stage in zip(weights, stages, strict=False) if w]
         end.append(x + h * sum(weighted_rates))
     return end
 
 
 def loses_rank(pivot: Array, pivot_before: Array | float) -> Array:
-    """True if the constraints lose rank after a step or in the next, by the smallest pivots after and before it."""
+    """True if the constraints lose rank in a step or in the next one, by the smallest pivots after and before the step."""
     is_singular = ~(pivot >= MIN_PIVOT)  # also true for NaN
     return is_singular | ((pivot < SMALL_PIVOT) & (pivot < MIN_PIVOT_RATIO * pivot_before))
 
 
 MAX_GAP_OF_STEP = 1.0
-"""rad or m: a step that leaves a larger gap is too long, even if the loops can be closed again."""
+"""Largest gap of a step [rad or m]: a step that leaves a larger one is too long, even if the loops can be closed again."""
 
 
 class Loops:
@@ -181,12 +185,14 @@ class Loops:
         self._moving = slice(robot.nq, robot.nq + robot.nv)
         self._units = gap_units(closed)
         self._typical_pivots = closed.sizes[list(closed.independent)] ** 2
-        key = "projection", closed.constraints, closed.independent
+        key = ("projection", closed.constraints, closed.independent)
         self._project = robot.engine.cache(key, self._compile_projection)
         independent = independent_constraints(closed.constraints, closed.independent)
         self.dynamics = robot.kernel("constrained_dynamics", constraints=independent)
-        self.largest_gap = self.largest_rate = 0.0
-        """Largest gap [rad or m] and largest gap rate [rad/s, m/s] after a step, before projection."""
+        self.largest_gap = 0.0
+        """Largest gap after a step, before projection [rad or m]."""
+        self.largest_rate = 0.0
+        """Largest gap rate after a step, before projection [rad/s or m/s]."""
         self.system: ClosedSystem
         """Forces on the robot, set later."""
 
@@ -210,12 +216,14 @@ class Loops:
         closed = self.closed
         robot = closed.open()
 
-        def program(q: Array, dq: Array) -> tuple[Array, ...]:
+        def projection(q: Array, dq: Array) -> tuple[Array, ...]:
             return project_state(robot.model, q, dq, closed.constraints, closed.independent)
 
-        names = ["q", "dq", "before", "rates", "after", "pivots"]
+        inputs: Ports = [("q", (robot.nq,)), ("dq", (robot.nv,))]
+        result_names = ["q", "dq", "before", "rates", "after", "pivots"]
+        program = trace(projection, inputs, result_names)
         doc = f"States of {robot.name} near its constraints, brought onto them, compiled."
-        return compile_form(trace(program, [("q", (robot.nq,)), ("dq", (robot.nv,))], names), "projection", doc)
+        return compile_form(program, "projection", doc)
 
     def operations(self, stages: int) -> float:
         """Approximate number of operations of a step with this number of stages; inf if nothing is compiled."""
@@ -240,14 +248,15 @@ class Loops:
         self.largest_gap = self.largest_rate = 0.0
 
     def smallest_pivot(self, y: Array) -> Array:
-        """Smallest relative pivot of A M⁻¹ A', of states (..., size); 0 if the constraints lose rank."""
+        """Smallest relative pivot (...) of A M⁻¹ A' at states (..., size); 0 if the constraints lose rank."""
         _, _, pivot = self.project(y[..., : self._nq], y[..., self._moving])
         return np.asarray(pivot)
 
     def project(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Projected q (..., nq) and dq (..., nv), and the smallest relative pivot (...)."""
         q, dq, *_, pivots = self._project(q, dq)
-        return q, dq, (pivots / self._typical_pivots).min(axis=-1, initial=np.inf)
+        relative_pivots = pivots / self._typical_pivots
+        return q, dq, relative_pivots.min(axis=-1, initial=np.inf)
 
     def step(self, t: float, h: float, y: Array, y1: Array) -> None:
         """Project the state y1 after a step from y at t onto the constraints, in place; raises SimulationError."""
@@ -281,15 +290,15 @@ class Loops:
 
         Two corrections close the loops after a usual step. If they do not suffice, the loops are closed by iteration.
         """
-        q, dq, before, rates, after, pivots = self._project(y[: self._nq], y[self._moving])
-        gap = float(np.abs(before).max(initial=0.0))
-        if not np.abs(after / self._units).max(initial=0.0) <= MAX_CLOSED_GAP:
-            closed_q, remaining = self.closed.settled(y[None, : self._nq], MAX_CLOSED_GAP)
-            is_closed = remaining[0] <= MAX_CLOSED_GAP
-            if not (is_closed and gap <= MAX_GAP_OF_STEP):
+        q, dq, gaps, rates, remaining_gaps, pivots = self._project(y[: self._nq], y[self._moving])
+        gap = float(np.abs(gaps).max(initial=0.0))
+        if not np.abs(remaining_gaps / self._units).max(initial=0.0) <= MAX_CLOSED_GAP:
+            closed_q, largest_gaps = self.closed.settled(y[None, : self._nq], MAX_CLOSED_GAP)
+            remaining_gap = largest_gaps[0]  # of the single state
+            if not (remaining_gap <= MAX_CLOSED_GAP and gap <= MAX_GAP_OF_STEP):
                 raise SimulationError(
                     f"at t = {printed(t, 9)} s the loops cannot be closed again: the step left a gap of {printed(gap, 3)} "
-                    f"(rad or m), and {printed(remaining[0], 3)} remains. Take a smaller dt."
+                    f"(rad or m), and {printed(remaining_gap, 3)} remains. Take a smaller dt."
                 )
             q, dq, _, rates, _, pivots = self._project(closed_q[0], y[self._moving])
         y[: self._nq] = q
@@ -301,12 +310,12 @@ class Loops:
 class ClosedSystem(System):
     """Closed robot and the forces on it: y' = f(t, y)."""
 
-    takes_many = False
+    takes_many = False  # states of a batch are evaluated one by one
 
     def __init__(self, loops: Loops, **acting: Any) -> None:
         super().__init__(loops.closed.open(), **acting)
-        self.done = slice(self.size - len(WORKS), self.size)
-        """Slice of the works in a state."""
+        self.work_entries = slice(self.size - len(WORKS), self.size)
+        """Entries of the works in a state."""
         self.loops = loops
         loops.system = self
 
@@ -314,10 +323,10 @@ class ClosedSystem(System):
         """Write f(t, y) into ``out``."""
         self.evaluations += 1
         q, dq = y[: self.nq], y[self.moving]
-        powers = out[self.done]  # written by self.forces
+        powers = out[self.work_entries]  # written by self.forces
         powers[:] = 0.0
         self.manifold.rates(q, dq, out[: self.nq])
-        out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
+        out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]  # q̈, without λ and pivots
 
     def allowed_velocities(self, y: Array) -> Array:
         """Velocities (..., nv) projected onto the constraints, as at the end of a step."""
@@ -330,12 +339,12 @@ class ClosedSystem(System):
         closed = self.loops.closed
         if not len(times):
             return np.zeros((0, len(closed.sizes)))
-        total = self.total(times, q, dq, tau)
-        _, lam, pivots = self.loops.dynamics(q, dq, total)
+        total_force = self.total(times, q, dq, tau)
+        _, lam, pivots = self.loops.dynamics(q, dq, total_force)
         all_independent = len(closed.independent) == len(closed.sizes)
         if all_independent and not needs_singular_values(pivots, closed.sizes).any():
             return np.asarray(lam)
-        return np.asarray(closed.forward_dynamics(q, dq, total).lam)
+        return np.asarray(closed.forward_dynamics(q, dq, total_force).lam)
 
 
 class ClosedScheme:
@@ -383,7 +392,7 @@ class ClosedStepper(Stepper):
 MAX_OPERATIONS = 30_000
 """Largest number of operations of a compiled step; compilation takes a second or two, more than most simulations."""
 STEPS_PER_CALL = 2000
-"""Steps between two checks for a keyboard interrupt: about 10 ms."""
+"""Number of steps between two checks for a keyboard interrupt: about 10 ms."""
 
 
 class ClosedSteps(CompiledSteps):
@@ -393,10 +402,11 @@ class ClosedSteps(CompiledSteps):
 
     @classmethod
     def build(cls, system: System, method: str, order: int, h: float) -> ClosedSteps | None:
-        """Compiled steps; None if there are callbacks or contacts, or a step is too long to compile."""
+        """Compiled steps; None if there are callbacks or contacts, or if a step is too long to compile."""
         if not isinstance(system, ClosedSystem) or method not in COMPILED_METHODS:
             return None
-        if system.functions or system.contacts or not can_compile_steps(system):
+        has_callbacks = bool(system.functions)
+        if has_callbacks or system.contacts or not can_compile_steps(system):
             return None
         loops = system.loops
         robot = system.robot
@@ -413,31 +423,31 @@ class ClosedSteps(CompiledSteps):
 
     def advance(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
         """Advance as :meth:`.CompiledSteps.advance`; states are NaN from the first step that ends off the constraints."""
-        s = self.system
+        system = self.system
         loops = self.loops
         lengths = np.full(steps, self.h if h is None else h)
-        batch = (*y.shape[:-1], steps)
-        states = np.empty((*y.shape[:-1], steps + 1, s.size))
-        loop_states = np.empty((*batch, LOOP_STATE_SIZE))
-        ddq = np.empty((*batch, s.nv))
+        batch_shape = (*y.shape[:-1], steps)
+        states = np.empty((*y.shape[:-1], steps + 1, system.size))
+        loop_states = np.empty((*batch_shape, LOOP_STATE_SIZE))
+        ddq = np.empty((*batch_shape, system.nv))
         states[..., 0, :] = y
-        after = states[..., 1:, :]
+        states_after = states[..., 1:, :]  # a view
         first_loop_state = np.zeros((*y.shape[:-1], LOOP_STATE_SIZE))
         first_loop_state[..., PIVOT] = loops.smallest_pivot(y)
         first_loop_state[..., ON_CONSTRAINTS] = 1.0
         inputs = [np.broadcast_to(x[..., None, :], (*x.shape[:-1], steps, x.shape[-1])) for x in self.inputs()]
         q, dq, work = self.parts(y)
-        q_after, dq_after, work_after = self.parts(after)
-        out = q_after, dq_after, loop_states, work_after, ddq
+        q_after, dq_after, work_after = self.parts(states_after)
+        out = (q_after, dq_after, loop_states, work_after, ddq)
         with np.errstate(all="ignore"):
             self.kernel(q, dq, first_loop_state, work, lengths, *inputs, out=out)
-        on_constraints = loop_states[..., ON_CONSTRAINTS] > 0.5
-        after[~on_constraints] = np.nan
+        on_constraints = loop_states[..., ON_CONSTRAINTS] > 0.5  # 0 or 1
+        states_after[~on_constraints] = np.nan
         if h is None and on_constraints.any():  # steps of another length only estimate errors
-            last = loop_states[int(on_constraints.sum()) - 1]
-            loops.note(last[LARGEST_GAP], last[LARGEST_RATE])
-        s.evaluations += self.stages * steps
-        return states, ddq, np.empty((*batch, 0))
+            last_loop_state = loop_states[int(on_constraints.sum()) - 1]
+            loops.note(last_loop_state[LARGEST_GAP], last_loop_state[LARGEST_RATE])
+        system.evaluations += self.stages * steps
+        return states, ddq, np.empty((*batch_shape, 0))
 
 
 Loops.steps = ClosedSteps

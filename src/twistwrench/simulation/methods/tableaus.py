@@ -23,12 +23,12 @@ from ...core.typing import Array
 Tree = tuple["Tree", ...]
 """Rooted tree: the subtrees of its root, sorted."""
 Row = tuple[Fraction, ...]
-"""Row of a tableau."""
+"""Row of a tableau, or one number for each stage."""
 
 
 @cache
 def trees(nodes: int) -> tuple[Tree, ...]:
-    """Rooted trees with a given number of nodes: 1, 1, 2, 4, 9, 20, 48 and so on.
+    """Rooted trees with a given number of nodes; there are 1, 1, 2, 4, 9, 20, 48 and so on.
 
     >>> [len(trees(n)) for n in range(1, 7)]
     [1, 1, 2, 4, 9, 20]
@@ -37,13 +37,13 @@ def trees(nodes: int) -> tuple[Tree, ...]:
 
 
 def _forests(nodes: int, largest: int) -> set[Tree]:
-    """Sorted collections of trees with a given total number of nodes, none of which has more than ``largest`` nodes."""
+    """Sorted collections of trees with a given total number of nodes; no tree has more than ``largest`` nodes."""
     if nodes == 0:
         return {()}
     forests: set[Tree] = set()
-    for size in range(1, min(nodes, largest) + 1):  # of the largest tree
-        for largest_tree, others in product(trees(size), _forests(nodes - size, size)):
-            forests.add(tuple(sorted((largest_tree, *others))))
+    for size in range(1, min(nodes, largest) + 1):  # number of nodes of the largest tree
+        for largest_tree, other_trees in product(trees(size), _forests(nodes - size, size)):
+            forests.add(tuple(sorted((largest_tree, *other_trees))))
     return forests
 
 
@@ -58,7 +58,7 @@ def density(tree: Tree) -> int:
 
 
 def elementary_weights(tree: Tree, matrix: Sequence[Row]) -> Row:
-    """Elementary weight φ of every stage: product over the subtrees of Σ_j a_ij φ_j; (stages,)."""
+    """Elementary weights φ (stages,): the product of Σ_j a_ij φ_j over the subtrees, with φ_j of the subtree."""
     weights = [Fraction(1)] * len(matrix)
     for branch in tree:
         branch_weights = elementary_weights(branch, matrix)
@@ -109,7 +109,9 @@ class Tableau:
             object.__setattr__(self, name, tuple(tuple(map(Fraction, row)) for row in matrix))
         for name in ("b", "embedded"):
             object.__setattr__(self, name, tuple(map(Fraction, getattr(self, name))))
-        if len(self.b) != len(self.a) or any(len(row) != len(self.a) for row in self.a):
+        stage_count = len(self.a)
+        is_square = all(len(row) == stage_count for row in self.a)
+        if not is_square or len(self.b) != stage_count:
             raise ValueRangeError(f"tableau {self.name!r}: a must be square, with a row for each entry of b.")
         self._require_order(self.b, self.order, "is not")
         if self.embedded:
@@ -119,7 +121,8 @@ class Tableau:
 
     def _require_dense_order(self) -> None:
         """Raise ValueRangeError unless Σ b_i(θ) φ_i = θ^nodes / γ, power by power of θ; θ = 1 is the end of the step."""
-        if tuple(sum(row, Fraction(0)) for row in self.dense) != self.b:
+        weights_at_end = tuple(sum(row, Fraction(0)) for row in self.dense)
+        if weights_at_end != self.b:
             raise ValueRangeError(f"tableau {self.name!r}: the dense output does not end where the step does.")
         for power, weights in enumerate(zip(*self.dense, strict=True), start=1):
             for tree, weighted_sum, exact in self._conditions(weights, self.dense_order):
@@ -152,7 +155,7 @@ class Tableau:
 
     @cached_property
     def numbers(self) -> tuple[tuple[Array, ...], Array, Array, Array, Array]:
-        """Rows of a up to the diagonal, b, c, b - embedded, dense, as float64."""
+        """Rows of a below the diagonal, b, c, b - embedded (empty without an embedded step) and dense, as float64."""
         rows = tuple(np.array(row[:i], float) for i, row in enumerate(self.a))
         b = np.array(self.b, float)
         c = np.array(self.c, float)
@@ -168,12 +171,12 @@ class Tableau:
                 raise ValueRangeError(
                     f"tableau {self.name!r} {claim} of order {order}: tree {tree} gives {weighted_sum}, wanted {exact}."
                 )
-        conditions_of_next_order = self._conditions(weights, order + 1, order + 1)
+        conditions_of_next_order = self._conditions(weights, order + 1, first=order + 1)
         if all(weighted_sum == exact for _, weighted_sum, exact in conditions_of_next_order):
             raise ValueRangeError(f"tableau {self.name!r} claims order {order} and has order {order + 1}.")
 
     def _conditions(self, weights: Row, last: int, first: int = 1) -> Iterator[tuple[Tree, Fraction, Fraction]]:
-        """Tree, Σ b_i φ_i and 1/γ, for the trees with ``first`` to ``last`` nodes."""
+        """Order conditions of the trees with ``first`` to ``last`` nodes: each tree, Σ b_i φ_i, and its exact value 1/γ."""
         for nodes in range(first, last + 1):
             for tree in trees(nodes):
                 weighted_sum = _dot(weights, elementary_weights(tree, self.a))
@@ -213,6 +216,7 @@ class Partitioned:
 
 
 def _dot(weights: Sequence[Fraction], values: Sequence[Fraction]) -> Fraction:
+    """Exact sum of products."""
     return sum((w * x for w, x in zip(weights, values, strict=True)), Fraction(0))
 
 
@@ -222,25 +226,30 @@ def _preserves_products(b: Row, a: tuple[Row, ...], b_hat: Row, a_hat: tuple[Row
     return all(b[i] * a_hat[i][j] + b_hat[j] * a[j][i] == b[i] * b_hat[j] for i, j in pairs)
 
 
-def _fractions(*rows: str) -> tuple[Row, ...]:
-    """Rows of a tableau from text."""
-    return tuple(tuple(map(Fraction, row.split())) for row in rows)
+def _row(text: str) -> Row:
+    """Row of a tableau from its text."""
+    return tuple(map(Fraction, text.split()))
 
 
-EULER = Tableau("Euler", 1, a=_fractions("0"), b=(Fraction(1),))
-IMPLICIT_EULER = Tableau("implicit Euler", 1, a=_fractions("1"), b=(Fraction(1),))
-MIDPOINT = Tableau("implicit midpoint", 2, a=_fractions("1/2"), b=(Fraction(1),))
+def _rows(*texts: str) -> tuple[Row, ...]:
+    """Rows of a tableau from their texts."""
+    return tuple(map(_row, texts))
+
+
+EULER = Tableau("Euler", 1, a=_rows("0"), b=_row("1"))
+IMPLICIT_EULER = Tableau("implicit Euler", 1, a=_rows("1"), b=_row("1"))
+MIDPOINT = Tableau("implicit midpoint", 2, a=_rows("1/2"), b=_row("1"))
 SEMI_IMPLICIT_EULER = Partitioned("semi-implicit Euler", 1, velocities=EULER, positions=IMPLICIT_EULER)
 RK4 = Tableau(
     "Runge–Kutta 4",
     4,
-    a=_fractions("0 0 0 0", "1/2 0 0 0", "0 1/2 0 0", "0 0 1 0"),
-    b=_fractions("1/6 1/3 1/3 1/6")[0],
+    a=_rows("0 0 0 0", "1/2 0 0 0", "0 1/2 0 0", "0 0 1 0"),
+    b=_row("1/6 1/3 1/3 1/6"),
 )
 DORMAND_PRINCE = Tableau(
     "Dormand–Prince 5(4)",
     5,
-    a=_fractions(
+    a=_rows(
         "0 0 0 0 0 0 0",
         "1/5 0 0 0 0 0 0",
         "3/40 9/40 0 0 0 0 0",
@@ -249,10 +258,10 @@ DORMAND_PRINCE = Tableau(
         "9017/3168 -355/33 46732/5247 49/176 -5103/18656 0 0",
         "35/384 0 500/1113 125/192 -2187/6784 11/84 0",
     ),
-    b=_fractions("35/384 0 500/1113 125/192 -2187/6784 11/84 0")[0],
-    embedded=_fractions("5179/57600 0 7571/16695 393/640 -92097/339200 187/2100 1/40")[0],
+    b=_row("35/384 0 500/1113 125/192 -2187/6784 11/84 0"),
+    embedded=_row("5179/57600 0 7571/16695 393/640 -92097/339200 187/2100 1/40"),
     embedded_order=4,
-    dense=_fractions(
+    dense=_rows(
         "1 -8048581381/2820520608 8663915743/2820520608 -12715105075/11282082432",
         "0 0 0 0",
         "0 131558114200/32700410799 -68118460800/10900136933 87487479700/32700410799",

@@ -16,6 +16,8 @@ from ..colours import quantity_steps
 
 _MILLI = 1e3
 """Millimetres in a metre, milliradians in a radian."""
+_WIDTH = 10.5
+"""Width of a figure [inches], as all sizes of figures."""
 
 
 def plot_calibration(found: CalibratedRobot, path: str | Path) -> None:
@@ -33,20 +35,22 @@ def plot_calibration(found: CalibratedRobot, path: str | Path) -> None:
     ...     tw.calibration.calibrate("ur5", "demo").plot(f"{folder}/calibration.svg").name
     'calibration.svg'
     """
-    with style.figure(10.5, 7.0, f"{found.robot_name} · calibration of {found.fit.problem.chain.frame}") as drawn:
+    title = f"{found.robot_name} · calibration of {found.fit.problem.chain.frame}"
+    with style.figure(_WIDTH, 7.0, title) as drawn:
         axes: Any = drawn.subplots(2, 2)
         _draw_errors(axes[0, 0], found)
-        _draw_remaining(axes[0, 1], found)
+        _draw_predicted_errors(axes[0, 1], found)
         _draw_zeros(axes[1, 0], found)
         _draw_residuals(axes[1, 1], found)
         style.save(drawn, path)
 
 
 def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
-    """Bars sorted by the error before; crosses are readings that were left out."""
+    """Draw errors as bars, the largest error before the calibration first; crosses are readings that were left out."""
     order = np.argsort(-found.errors_before)
     errors_after = np.concatenate(found.fit.errors)[order]
-    is_used = np.concatenate([weights[:, -1] > 0 for weights in found.fit.weights])[order]
+    reading_weights = np.concatenate([weights[:, -1] for weights in found.fit.weights])  # zero: left out
+    is_used = reading_weights[order] > 0
     ranks = np.arange(len(order))
     axis.bar(ranks, _MILLI * found.errors_before[order], color=style.QUIET, label="before")
     axis.bar(ranks, _MILLI * errors_after, color=style.POINTED, label="after")
@@ -56,7 +60,8 @@ def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
             ranks[left_out], _MILLI * errors_after[left_out], "x", color=style.INK, label="left out", linestyle="none"
         )
     axis.set_yscale("log")
-    axis.set_ylim(top=3.0 * axis.get_ylim()[1])  # room for the legend
+    _, top = axis.get_ylim()
+    axis.set_ylim(top=3.0 * top)  # room for the legend
     axis.yaxis.set_major_formatter(lambda x, _: number(x))
     axis.set_xlabel("reading, sorted")
     axis.set_ylabel("error [mm]")
@@ -64,9 +69,10 @@ def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
     style.titles(axis, "Errors of readings")
 
 
-def _draw_remaining(axis: Any, found: CalibratedRobot) -> None:
-    """Predicted error of the calibrated robot at places of the tip, seen from the side."""
-    p = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)[:, :3, 3]
+def _draw_predicted_errors(axis: Any, found: CalibratedRobot) -> None:
+    """Draw the predicted error of the calibrated robot at places of the tip, seen from the side."""
+    T = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)
+    p = T[:, :3, 3]
     errors = _MILLI * found.remaining_at(found.reference)
     points = axis.scatter(np.hypot(p[:, 0], p[:, 1]), p[:, 2], c=errors, s=12, cmap=quantity_steps())
     axis.figure.colorbar(points, ax=axis, label="predicted to remain [mm]")
@@ -76,12 +82,13 @@ def _draw_remaining(axis: Any, found: CalibratedRobot) -> None:
 
 
 def _draw_zeros(axis: Any, found: CalibratedRobot) -> None:
-    """Zeros in degrees or mm, with their intervals."""
+    """Draw zeros in degrees or mm, with their intervals."""
     chain = found.fit.problem.chain
-    for row, (joint, (zero, half_width)) in enumerate(found.zeros.items()):
+    for height, (joint, interval) in enumerate(found.zeros.items()):
+        zero, half_width = interval
         is_turning = chain.turning[chain.joints.index(joint)]
         factor = math.degrees(1.0) if is_turning else _MILLI
-        axis.errorbar(factor * zero, row, xerr=factor * half_width, fmt="o", color=style.POINTED)
+        axis.errorbar(factor * zero, height, xerr=factor * half_width, fmt="o", color=style.POINTED)
     axis.set_yticks(range(len(found.zeros)), list(found.zeros))
     axis.invert_yaxis()  # from the base down
     axis.axvline(0.0, color=style.QUIET, linewidth=0.8)
@@ -90,15 +97,18 @@ def _draw_zeros(axis: Any, found: CalibratedRobot) -> None:
 
 
 def _draw_residuals(axis: Any, found: CalibratedRobot) -> None:
-    """Residuals × 1000 as arrows at the tip, seen from above; a histogram of their sizes if they have no directions."""
-    residuals, measured = found.residuals[0], found.fit.problem.measured[0]
-    if measured.rows_each - measured.angle_rows < 3:
+    """Draw residuals × 1000 as arrows at the tip, seen from above; without directions, a histogram of their sizes."""
+    residuals = found.residuals[0]
+    measured = found.fit.problem.measured[0]
+    length_rows = measured.rows_each - measured.angle_rows
+    if length_rows < 3:  # not x, y and z of the tip
         axis.hist(_MILLI * residuals[:, -1], color=style.POINTED)
         axis.set_xlabel("residual [mm]")
         style.titles(axis, "Residuals")
         return
     arrows = _MILLI * (residuals[:, measured.angle_rows :] @ found.target_pose[:3, :3])  # in the base frame
-    p = found.fit.problem.chain.tips(measured.q, found.fit.state.corrections)[:, :3, 3]
+    T = found.fit.problem.chain.tips(measured.q, found.fit.state.corrections)
+    p = T[:, :3, 3]
     axis.quiver(p[:, 0], p[:, 1], arrows[:, 0], arrows[:, 1], angles="xy", scale_units="xy", scale=1.0, width=3e-3)
     axis.set_aspect("equal")
     axis.set_xlabel("x [m]")
@@ -121,9 +131,10 @@ def plot_measuring_poses(plan: MeasuringPoses, path: str | Path) -> None:
     ...     tw.calibration.measuring_poses("ur5", 12).plot(f"{folder}/poses.svg").name
     'poses.svg'
     """
-    chain, state = plan.fit.problem.chain, plan.fit.state
-    p = chain.tips(plan.q, state.corrections)[:, :3, 3]
-    with style.figure(10.5, 3.6, f"{plan.robot_name} · configurations to measure {chain.frame}") as drawn:
+    chain = plan.fit.problem.chain
+    T = chain.tips(plan.q, plan.fit.state.corrections)
+    p = T[:, :3, 3]
+    with style.figure(_WIDTH, 3.6, f"{plan.robot_name} · configurations to measure {chain.frame}") as drawn:
         axes: Any = drawn.subplots(1, 3)
         error, side, top = axes
         error.plot(plan.counts, _MILLI * plan.remaining, "o-", color=style.POINTED)
