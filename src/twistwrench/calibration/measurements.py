@@ -31,6 +31,7 @@ ReadingKind = Literal["pose", "position", "distance", "pair", "point", "plane", 
 """Kinds of readings."""
 KINDS: tuple[ReadingKind, ...] = get_args(ReadingKind)
 TOUCHES = ("point", "plane", "sphere")
+"""Kinds whose readings are configurations in which the tip touches a target."""
 LENGTHS_MEASURED = ("pose", "position", "distance", "pair")
 """Kinds whose readings are lengths."""
 MIN_CONFIGURATIONS = 3
@@ -75,7 +76,7 @@ class Measurements:
     pairs: Array | None = None
     """(k, 2) rows of q of each pair."""
     targets: Sequence[str] | None = None
-    """Names of the touched points, planes or spheres by row; one target without them."""
+    """Name of the touched point, plane or sphere for each row; without names there is one target."""
     kind: str | None = None
     """Kind of the readings: pose, position, distance, pair, point, plane or sphere; only touches need it."""
     noise: float | tuple[float, float] | None = None
@@ -91,7 +92,9 @@ class Measurements:
 
     def __post_init__(self) -> None:
         q = np.atleast_2d(arguments.finite(self.q, "q"))
-        kind = self.kind or self._kind_of_arrays()
+        kind = self.kind
+        if not kind:
+            kind = self._kind_of_arrays()
         if kind not in KINDS:
             raise UnknownNameError.from_choices("kind of measurement", kind, KINDS)
         fields: dict[str, object] = {"q": q, "kind": kind}
@@ -119,7 +122,7 @@ class Measurements:
 
     def _kind_of_arrays(self) -> str:
         """Kind of the readings by the arrays that are given; empty without readings."""
-        # pairs have distances, too
+        # "pair" stands before "distance", since pairs have distances too.
         arrays = {"pose": self.poses, "position": self.positions, "pair": self.pairs, "distance": self.distances}
         for kind, array in arrays.items():
             if array is not None:
@@ -147,7 +150,7 @@ class Measurements:
                 continue
             sizes = np.abs(getattr(self, name))
             if sizes.size and sizes.max() > MAX_VALUE:
-                row = int(np.unravel_index(sizes.argmax(), sizes.shape)[0])
+                row, *_ = np.unravel_index(sizes.argmax(), sizes.shape)
                 raise ValueRangeError(
                     f"{name}[{row}] has {printed(sizes.max())}. Give at most {printed(MAX_VALUE)} rad or m."
                 )
@@ -161,7 +164,8 @@ class Measurements:
             return
         if self.pairs.min() < 0 or self.pairs.max() >= n:
             raise ValueRangeError(f"pairs names rows outside 0 … {n - 1}. Count the rows from 0.")
-        differences = np.abs(self.q[self.pairs[:, 0]] - self.q[self.pairs[:, 1]]).max(axis=1)
+        first_rows, second_rows = self.pairs.T
+        differences = np.abs(self.q[first_rows] - self.q[second_rows]).max(axis=1)
         is_one_configuration = differences <= MAX_JOINT_DIFFERENCE
         if is_one_configuration.any():
             first, second = self.pairs[int(is_one_configuration.argmax())]
@@ -241,7 +245,9 @@ class Measurements:
     @cached_property
     def target_names(self) -> tuple[str, ...]:
         """Names of the targets, in order of appearance; one empty name without targets."""
-        return tuple(dict.fromkeys(self.targets or ())) or ("",)
+        if not self.targets:
+            return ("",)
+        return tuple(dict.fromkeys(self.targets))
 
     @cached_property
     def target_index(self) -> Array:
@@ -282,12 +288,12 @@ class Measurements:
 
     @property
     def rows_each(self) -> int:
-        """Number of equations of a reading."""
+        """Rows of each reading: number of its equations."""
         return {"pose": 6, "position": 3, "point": 3}.get(str(self.kind), 1)
 
     @property
     def angle_rows(self) -> int:
-        """Number of equations of a reading in rad; they come first."""
+        """Number of a reading's equations in rad, which come first."""
         if self.kind == "pose":
             return 3
         return 0
@@ -298,11 +304,11 @@ class Measurements:
         return self.kind in TOUCHES and self.length is None
 
     def taken(self, kept: Array) -> Measurements:
-        """Some of the readings.
+        """Measurements with some of the readings only.
 
         Parameters
         ----------
-        kept : (k,) array of indices, or (count,) of bool
+        kept : (k,) array of indices of readings, or (count,) mask of readings
 
         Returns
         -------
@@ -310,18 +316,19 @@ class Measurements:
         """
         if self.pairs is not None:
             return replace(self, pairs=self.pairs[kept], distances=self.sizes[kept])
-        selected: dict[str, Any] = {}
+        selected_fields: dict[str, Any] = {}
         for name in ("q", "poses", "positions", "distances"):
             readings = getattr(self, name)
             if readings is not None:
-                selected[name] = readings[kept]
+                selected_fields[name] = readings[kept]
         if self.targets is not None:
-            selected["targets"] = tuple(np.array(self.targets, object)[kept])
-        return replace(self, **selected)
+            selected_fields["targets"] = tuple(np.array(self.targets, object)[kept])
+        return replace(self, **selected_fields)
 
 
 # ── Columns of a file
 
+# Names of columns.
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _ROTATION_VECTOR = ("rx", "ry", "rz")
 _ROLL_PITCH_YAW = ("roll", "pitch", "yaw")
@@ -331,6 +338,7 @@ _ORIENTATIONS = (_QUATERNION, _ROTATION_VECTOR, _ROLL_PITCH_YAW, _MATRIX)
 _READINGS = {name for names in _ORIENTATIONS for name in names} | {*_POINT, "distance", "pair", "target"}
 """Names of columns of readings."""
 _CAMERA_PREFIX = re.compile(r"board_in_camera_", re.IGNORECASE)
+"""Prefix of columns of a camera that measured a board."""
 _MAX_ROTATION_ERROR = 1e-3
 """Tolerance of entries of rotation matrices, and of lengths of quaternions."""
 _COLUMNS_OF_KIND = {
@@ -347,15 +355,19 @@ class _MeasurementFile:
     """CSV file of measurements of a robot, and the options of its reading."""
 
     given: str | Path
+    """Given path, or name of a bundled file."""
     robot: Robot
     tip: str | None
     kind: str | None
+    """Kind of the readings; None: by the columns."""
     columns: dict[str, str]
+    """Columns of joints whose name is not the joint's, by joint."""
     degrees: bool
+    """True if angles without a unit are in degrees."""
 
     @property
     def path(self) -> Path:
-        """Path of the file, or of the bundled one."""
+        """Path of the file, which may be bundled."""
         return as_path(bundled_file(str(self.given), self.robot.model.name, "_calibration.csv", "measurement"))
 
     @cached_property
@@ -385,7 +397,9 @@ class _MeasurementFile:
                 f"{self.path}: no readings below the header. Give at least {MIN_CONFIGURATIONS} rows."
             )
         readings = {name for name, _ in self.names if name}
-        kind = self.kind or self._kind(readings)
+        kind = self.kind
+        if not kind:
+            kind = self._kind(readings)
         missing = [name for name in _COLUMNS_OF_KIND.get(kind, ()) if name not in readings]
         if missing:
             raise ValueRangeError(
@@ -404,31 +418,34 @@ class _MeasurementFile:
             targets = [cells[target_column] for cells in rows]
         if kind == "pose":
             rotations = self._rotations(readings)
-            poses = np.asarray(se3.pose(rotations, self._values(_POINT, "q", angular=False)))
+            points = self._values(_POINT, "q", angular=False)
+            poses = np.asarray(se3.pose(rotations, points))
         elif kind == "position":
             positions = self._values(_POINT, "q", angular=False)
         elif kind in ("distance", "pair"):
-            distances = self._values(["distance"], "q", angular=False)[:, 0]
+            (distances,) = self._values(["distance"], "q", angular=False).T
         q, notes = self._configurations(len(rows))
         pairs = None
         if kind == "pair" and distances is not None:
             pairs, distances = self._pairs(distances)
+        board_in_camera = any(_CAMERA_PREFIX.match(cell) for cell in self.file.header)
         return Measurements(
             q, kind=kind, poses=poses, positions=positions, distances=distances, pairs=pairs,
-            targets=targets or None, path=str(self.path), notes=notes,
-            board_in_camera=any(_CAMERA_PREFIX.match(cell) for cell in self.file.header),
+            targets=targets or None, path=str(self.path), notes=notes, board_in_camera=board_in_camera,
         )  # fmt: skip
 
     def _pairs(self, distances: Array) -> tuple[Array, Array]:
-        """(k, 2) rows of each pair, and their distances (k,), from the distances (n,) of all rows.
+        """(k, 2) rows of each pair, and the distance (k,) of each pair, from the distances (n,) of all rows.
 
         Both rows of a pair name each other; rows that name themselves are left out.
         """
-        partner = self.file.table([self._column("pair")])[:, 0].astype(int)
-        pairs_of_rows = np.sort(np.c_[np.arange(len(partner)), partner], axis=1)
-        has_partner = pairs_of_rows[:, 0] != pairs_of_rows[:, 1]
-        pairs, first_index = np.unique(pairs_of_rows[has_partner], axis=0, return_index=True)
-        return pairs, np.asarray(distances)[has_partner][first_index]
+        (column,) = self.file.table([self._column("pair")]).T
+        partner = column.astype(int)  # (n,), row
+        pair_of_row = np.sort(np.c_[np.arange(len(partner)), partner], axis=1)
+        has_partner = pair_of_row[:, 0] != pair_of_row[:, 1]
+        pairs, first_index = np.unique(pair_of_row[has_partner], axis=0, return_index=True)
+        distances_with_partner = np.asarray(distances)[has_partner]
+        return pairs, distances_with_partner[first_index]
 
     def _kind(self, readings: set[str]) -> str:
         """Kind by the names of the readings that have columns."""
@@ -457,7 +474,10 @@ class _MeasurementFile:
         return columns[0]
 
     def _values(self, names: Sequence[str], part: str, *, angular: bool, unitless: bool = False) -> Array:
-        """Columns (n, k) in SI units; raises for numbers that are not finite."""
+        """Columns (n, k) of these readings in SI units; raises ValueRangeError for numbers that are not finite.
+
+        ``part`` is the quantity whose units are allowed; ``unitless`` columns are not converted.
+        """
         columns = [self._column(name) for name in names]
         table = self.file.table(columns)
         for k, column in enumerate(columns):
@@ -480,7 +500,7 @@ class _MeasurementFile:
             )
 
     def _rotations(self, readings: set[str]) -> Array:
-        """(n, 3, 3) orientations."""
+        """(n, 3, 3) orientations from the columns; ``readings`` are the names of all columns of readings."""
         orientations = [names for names in _ORIENTATIONS if readings.issuperset(names)]
         if len(orientations) != 1:
             raise ValueRangeError(
@@ -516,34 +536,34 @@ class _MeasurementFile:
         """(n, nq) configurations, and notes on their columns; joints that do not move the tip may be missing."""
         coordinates = Coordinates.from_model(self.robot.model)
         try:
-            needed = TipChain.from_robot(self.robot, self.tip).columns
+            needed_indices = TipChain.from_robot(self.robot, self.tip).columns  # in q
         except ModelError:
             if self.tip is not None:
                 raise
-            needed = list(range(self.robot.nq))  # without a tip: all joints
-        # columns of readings are no candidates for joints
+            needed_indices = list(range(self.robot.nq))  # without a tip: all joints
+        # Columns of readings get an empty name, so that no joint is assigned to them.
         cells = ["" if name else cell for cell, (name, _) in zip(self.file.header, self.names, strict=True)]
         reading = Reading(self.path, self.columns, degrees=self.degrees)
         assignment = Assignment(cells, str(self.path), coordinates, reading)
         names: dict[str, tuple[str, ...]] = dict.fromkeys(assignment.names, ())
-        names["q"] = tuple(coordinates.names[k] for k in needed)
+        names["q"] = tuple(coordinates.names[k] for k in needed_indices)
         assignment.names = names
         for (part, place), choice in assignment.requested_choices(self.columns).items():
             assignment.assign(part, place, choice)
         assignment.assign_by_exact_name()
         assignment.assign_by_words()
-        if len(assignment.given["q"]) < len(needed):
+        if len(assignment.given["q"]) < len(needed_indices):
             assignment.assign_by_rules([])
-        assigned = assignment.given["q"]  # choice of a column by place among the needed joints
-        missing = [coordinates.names[k] for place, k in enumerate(needed) if place not in assigned]
+        choice_by_place = assignment.given["q"]  # column by place among the needed joints
+        missing = [coordinates.names[k] for place, k in enumerate(needed_indices) if place not in choice_by_place]
         if missing:
             raise TrajectoryError(
                 f"{self.path}: no column for {listed(missing)} on the way to the tip; {assignment.found_text()}"
             )
         q = np.tile(self.robot.model.neutral, (count, 1))
-        for place, choice in assigned.items():
-            k = needed[place]
-            column = self.file.table([choice.column])[:, 0]
+        for place, choice in choice_by_place.items():
+            k = needed_indices[place]
+            (column,) = self.file.table([choice.column]).T
             self._check_finite(column, self.file.header[choice.column])
             is_angular = bool(coordinates.angular[k])
             q[:, k] = column * assignment.factor(Choice(choice.column, choice.unit), "q", is_angular)
@@ -551,10 +571,11 @@ class _MeasurementFile:
 
 
 def rotations_from_roll(angles: Array) -> Array:
-    """Rotations (n, 3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Rotations (n, 3, 3) Rz(yaw) Ry(pitch) Rx(roll), from roll, pitch and yaw (n, 3)."""
     rotation_vectors = angles[:, :, None] * np.eye(3)  # (n, 3, 3), one about each axis
-    x, y, z = np.moveaxis(np.asarray(so3.exp(rotation_vectors)), 1, 0)
-    return np.asarray(z @ y @ x)
+    rotations = np.asarray(so3.exp(rotation_vectors))  # (n, 3, 3, 3)
+    Rx, Ry, Rz = np.moveaxis(rotations, 1, 0)
+    return np.asarray(Rz @ Ry @ Rx)
 
 
 def read_measurements(

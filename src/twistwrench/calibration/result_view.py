@@ -37,17 +37,18 @@ def calibration_view(found: CalibratedRobot) -> Iterator[Block]:
     yield Line((found.robot_name, Style.STRONG), f"  ·  {readings}, at {frame}")
     yield from _error_tables(found)
     yield from _group_tables(found)
-    length_deviation, angle_deviation = found.fit.deviations[0]  # of the first measurement
+    length_deviation, angle_deviation = found.fit.deviations[0]  # of the first measurement [m, rad]
     noise = millimetres(length_deviation)
     if angle_deviation:
         noise += f", {quantity(math.degrees(angle_deviation), '°', 2)}"
-    count = len(found.fit.names)
+    parameter_count = len(found.fit.names)
     yield Line(
-        f"{found.rank} groups of {count} parameters are determined, in theory {found.theory}. "
+        f"{found.rank} groups of {parameter_count} parameters are determined, in theory {found.theory}. "
         f"Noise of a reading: {noise} (1 σ)."
     )
     notes = [str(doubt) for doubt in found.doubts if doubt.level == "note"]
-    notes += [note for note in (found.tip_note, found.held_out.note) if note]
+    own_notes = (found.tip_note, found.held_out.note)
+    notes += [note for note in own_notes if note]
     for measurement in found.fit.problem.measured:
         notes += measurement.notes
     yield from remarks(notes)
@@ -60,17 +61,20 @@ def noun_of_readings(found: CalibratedRobot) -> str:
         return "measured places"
     if kinds <= {"distance", "pair"}:
         return "distances"
-    return "touches" if kinds <= set(TOUCHES) else "readings"
+    if kinds <= set(TOUCHES):
+        return "touches"
+    return "readings"
 
 
 def figures(found: CalibratedRobot) -> str:
-    """Error of the tip before and after, either as measured, or as predicted together with the error of the readings.
+    """Text of the tip's error before and after the calibration.
 
-    Readings that are not places of the tip, and places at similar poses, do not show the tip's error over its reach.
+    It is the measured error if places of the tip were measured over its reach. If not, it is the predicted error, with the
+    error of the readings.
     """
     held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
-    max_remaining = max(_MAX_PREDICTED_RATIO * found.held_out.rms, _MAX_ROUNDING_ERROR)
-    if found.measures_tip and found.remaining.rms <= max_remaining:
+    max_predicted = max(_MAX_PREDICTED_RATIO * found.held_out.rms, _MAX_ROUNDING_ERROR)
+    if found.measures_tip and found.remaining.rms <= max_predicted:
         return f"the tip is right to {held_out} (rms, held out), {before} before"
     remaining, remaining_before = millimetres(found.remaining.rms), millimetres(found.remaining_before)
     return (
@@ -80,7 +84,7 @@ def figures(found: CalibratedRobot) -> str:
 
 
 def _headline(found: CalibratedRobot) -> Headline:
-    """Word of the verdict and its reasons, with the errors below."""
+    """Word of the verdict with its reasons, or with figures if it is OK; errors below the reasons."""
     if found.verdict.word is Word.OK:
         if found.needs_nothing:
             error = found.remaining_before
@@ -89,7 +93,7 @@ def _headline(found: CalibratedRobot) -> Headline:
             text = f"the file is already right to {millimetres(error)} (rms); nothing needs to be written."
             return Headline(Word.OK, text)
         return Headline(Word.OK, f"{figures(found)}{_largest_zero_text(found)}.")
-    first, *others = found.verdict.reasons
+    reason, *other_reasons = found.verdict.reasons
     held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
     remaining = millimetres(found.remaining.rms)
     if found.measures_tip:
@@ -100,7 +104,7 @@ def _headline(found: CalibratedRobot) -> Headline:
             f"the tip: {remaining}, {millimetres(found.remaining_before)} before"
         )
     further = [Line(f"{errors}{_largest_zero_text(found)}.")]
-    return Headline(found.verdict.word, first, reasons=others, further=further)
+    return Headline(found.verdict.word, reason, reasons=other_reasons, further=further)
 
 
 def _largest_zero_text(found: CalibratedRobot) -> str:
@@ -110,14 +114,16 @@ def _largest_zero_text(found: CalibratedRobot) -> str:
     joint = max(found.zeros, key=lambda joint: abs(found.zeros[joint][0]))
     value, half_width = found.zeros[joint]
     chain = found.fit.problem.chain
-    turns = chain.turning[chain.joints.index(joint)]
-    factor, unit = (math.degrees(1.0), "°") if turns else (_MILLI, " mm")
-    return f"; largest: zero of {joint} off by {' ± '.join(estimate(factor * value, factor * half_width))}{unit}"
+    factor, unit = _MILLI, " mm"
+    if chain.turning[chain.joints.index(joint)]:
+        factor, unit = math.degrees(1.0), "°"
+    value_text, half_width_text = estimate(factor * value, factor * half_width)
+    return f"; largest: zero of {joint} off by {value_text} ± {half_width_text}{unit}"
 
 
 def _error_tables(found: CalibratedRobot) -> Iterator[Table]:
     """Errors before and after: one table of the tip; two tables if the readings are not places of the tip."""
-    measured = [
+    measured = [  # name, rms, largest, number of poses
         ("before, with the file", found.before, None, found.fit.problem.count),
         ("after, held out", found.held_out.rms, found.held_out.max, found.held_out.poses),
     ]
@@ -131,7 +137,7 @@ def _error_tables(found: CalibratedRobot) -> Iterator[Table]:
 
 
 def _error_table(title: str, rows: Sequence[tuple[str, float, float | None, int]]) -> Table:
-    """Rows of a name, rms, largest [m] and number of poses."""
+    """Table with the columns name, rms, largest [m] and number of poses, from its rows."""
 
     def millimetre_text(length: float | None) -> str:
         """Length [m] in mm, without the unit, which stands in the head of the column."""
@@ -148,7 +154,7 @@ def _error_table(title: str, rows: Sequence[tuple[str, float, float | None, int]
 
 
 def _group_figures(group: ParameterGroup) -> tuple[str, float, float]:
-    """Unit of a group in the table, mm, °, mrad/(N m) or %, with value and half width in this unit."""
+    """Unit of a group in the table, its value in this unit, and the half width of its interval."""
     if group.name.endswith(".gear"):
         unit, factor = "%", 100.0
     elif group.name.endswith(".sag"):
@@ -161,7 +167,7 @@ def _group_figures(group: ParameterGroup) -> tuple[str, float, float]:
 
 
 def _group_tables(found: CalibratedRobot) -> Iterator[Block]:
-    """Table of groups, whose short form has those that differ most from the file, and table of their sums."""
+    """Table of groups, and table of their sums. A short table has the groups that differ most from the file."""
     groups = found.parameter_groups.all
     units, value_lines, half_width_lines = [], [], []
     for group in groups:
@@ -170,6 +176,8 @@ def _group_tables(found: CalibratedRobot) -> Iterator[Block]:
         units.append(unit)
         value_lines.append(Line(value_text, value=value))
         half_width_lines.append(Line(half_width_text, value=half_width))
+    # From the file, in half widths; not divided by zero.
+    differences = [abs(group.value) / max(group.half_width(), 1e-300) for group in groups]
     yield Table(
         "Groups",
         words("group", [group.name for group in groups], fold=False),
@@ -177,7 +185,7 @@ def _group_tables(found: CalibratedRobot) -> Iterator[Block]:
         numbers("value", value_lines),
         numbers("± (95 %)", half_width_lines),
         most=_MAX_GROUPS,
-        by=[abs(group.value) / max(group.half_width(), 1e-300) for group in groups],
+        by=differences,
         of_limits=False,
     )
     names, sums = [], []

@@ -7,6 +7,7 @@ from functools import partial
 
 import click
 
+from ..core.answers.blocks import Block
 from ..core.files import check_outputs, refuse_existing
 from ..core.third_party.workers import Failure, workers_of
 from ..core.verdict import ExitCode
@@ -43,31 +44,37 @@ def log_command(
     FILE may be a folder, or a pattern in quotes. Several files of one log are written a.csv+b.csv. Files that cannot be read
     are reported last, with exit code 2.
     """
-    failed: list[tuple[str, str]] = []
-    paths = [path for text in files for path in expanded_paths(text)]
+    paths: list[str] = []
+    for text in files:
+        paths += expanded_paths(text)
     if json is not None and json != "-":  # a file; "-" is standard output
         check_outputs({"--json": json}, {f"FILE {path}": path for path in paths})
         refuse_existing(json, overwrite=overwrite)
     reports: list[LogReport] = []
+    reason_by_path: list[tuple[str, str]] = []  # of files that cannot be read
     with progress_bar(f"{len(paths)} files") as progress, workers_of(workers, scheduler) as pool:
         check_file = partial(check_log, topic=topic, episode=episode)
         for path, result in zip(paths, pool.results(check_file, paths, progress), strict=True):
             if isinstance(result, Failure):
-                failed.append((path, result.reason))
+                reason_by_path.append((path, result.reason))
             else:
                 reports.append(result)
     if json == "-":
         click.echo(_json_text(reports))
     else:
-        show(*(block for report in reports for block in report.blocks()))
+        blocks: list[Block] = []
+        for report in reports:
+            blocks += report.blocks()
+        show(*blocks)
         if json is not None:
             write_text(json, f"{_json_text(reports)}\n")
-    for path, reason in failed:
+    for path, reason in reason_by_path:
         if path not in reason:
             reason = f"{path}: {reason}"
         click.echo(f"error: {reason}", err=True)
-    return ExitCode.BAD_INPUT if failed else ExitCode.FINE
+    return ExitCode.BAD_INPUT if reason_by_path else ExitCode.FINE
 
 
 def _json_text(reports: list[LogReport]) -> str:
+    """JSON of a list with the data of each report."""
     return json_.dumps([report.to_dict() for report in reports], indent=2)

@@ -55,7 +55,7 @@ class ShownRobot(Answer):
     speed: float
     """Factor of the film's speed."""
     page: Mapping[str, Any]
-    """Options of the page."""
+    """Options of the page: arguments of :func:`write_page`."""
 
     @property
     def robot_name(self) -> str:
@@ -79,16 +79,16 @@ class ShownRobot(Answer):
             yield from self.motion.clearance.blocks()
 
     def write_page(self, path: str) -> None:
-        """Write the page; loops of the file are closed unless a motion or a section moves the joints."""
-        drawn_robot, closed_robot = self.robot, None
+        """Write the page. Loops of the robot's file are closed if neither a motion nor a section moves the joints."""
+        page_robot = drawn_robot = self.robot
         if self.motion is not None:
             drawn_robot, _ = robot_of_motion(self.motion)
         elif self.page["section"] is None:
             closed_robot = closed_by_file(self.robot)
-        write_page(
-            closed_robot or self.robot, path, motion=self.motion, wrench_on_robot=self.wrenches,
-            scene=scene_of(drawn_robot, meshes=self.meshes), **self.page,
-        )  # fmt: skip
+            if closed_robot is not None:
+                page_robot = closed_robot
+        scene = scene_of(drawn_robot, meshes=self.meshes)
+        write_page(page_robot, path, motion=self.motion, wrench_on_robot=self.wrenches, scene=scene, **self.page)
 
     def write_film(self, path: str) -> None:
         """Write the film of the motion."""
@@ -124,6 +124,7 @@ Shown: TypeAlias = ShownRobot | ShownArticle
 
 
 def _write_film(answer: Shown, path: str) -> None:
+    """Write the film of a robot; an article has none."""
     assert isinstance(answer, ShownRobot), "a film without a motion is refused"
     answer.write_film(path)
 
@@ -137,7 +138,7 @@ def _write_film(answer: Shown, path: str) -> None:
         Question(write_page).only("section", "embed", "control"),
         Question(film).only("speed"),
     ),
-    left_out=("why", "at"),
+    left_out=("why", "at"),  # parameters of check that are not options
     needs_motion=False,
     files=(
         OutputFile(
@@ -181,17 +182,19 @@ def view_command(
     if robot is None:
         return _article(section, outputs)
     _check_files(outputs, log, section, has_page_options=embed or control is not None)
-    loaded, wrenches, motion = _loads_and_motion(robot, log, asked)
+    loaded_robot, wrenches, motion = _loads_and_motion(robot, log, asked)
     if "--html" in outputs.flags:
-        refuse_couplings(loaded.model, "--html")
-    if not {"--html", "--movie"} & {*outputs.flags}:
-        page = Path(tempfile.mkdtemp(prefix="twistwrench-")) / "page.html"
+        refuse_couplings(loaded_robot.model, "--html")
+    elif "--movie" not in outputs.flags:
+        page_file = Path(tempfile.mkdtemp(prefix="twistwrench-")) / "page.html"
         write = _write_page if no_browser else _write_and_open_page
-        outputs.add(OutputFile("--html", "", write, is_data=False), str(page))
-    return ShownRobot(loaded, wrenches, motion, meshes, speed, {"section": section, "embed": embed, "control": control})
+        outputs.add(OutputFile("--html", "", write, is_data=False), str(page_file))
+    page_options = {"section": section, "embed": embed, "control": control}
+    return ShownRobot(loaded_robot, wrenches, motion, meshes=meshes, speed=speed, page=page_options)
 
 
 def _write_page(answer: Shown, path: str) -> None:
+    """Write the page, without opening it."""
     answer.write_page(path)
 
 
@@ -204,6 +207,7 @@ def _write_and_open_page(answer: Shown, path: str) -> None:
 
 _NO_PAGE_FILE = "--section writes a page. Add --html OUT.html."
 _ARTICLE_PARAMETERS = frozenset({"section", "file_html", "overwrite"})
+"""Parameters of the command that an article has."""
 
 
 def _article(section: str | None, outputs: Outputs[Shown]) -> ShownArticle:
@@ -218,8 +222,9 @@ def _article(section: str | None, outputs: Outputs[Shown]) -> ShownArticle:
             f"{section} --html page.html. Articles are on: {listed(ARTICLES, 20)}."
         )
     for parameter in context.command.params:
-        typed = context.get_parameter_source(parameter.name or "") is ParameterSource.COMMANDLINE
-        if typed and parameter.name not in _ARTICLE_PARAMETERS:
+        source = context.get_parameter_source(parameter.name or "")
+        is_given = source is ParameterSource.COMMANDLINE
+        if is_given and parameter.name not in _ARTICLE_PARAMETERS:
             raise ValueRangeError(
                 f"the article on section {section} has no robot. Leave {parameter.opts[0]} out, or name ROBOT first."
             )
@@ -251,16 +256,16 @@ def _check_files(outputs: Outputs[Shown], log: LogOptions, section: str | None, 
 def _loads_and_motion(
     robot: RobotOptions, log: LogOptions, asked: Asked
 ) -> tuple[Robot, dict[str, Array], DrawnMotion | None]:
-    """Robot with its payloads, wrenches on the robot, and its motion, if one is given.
+    """Robot with its payloads, wrenches on the robot by frame, and its motion; None without a motion.
 
-    The motion is judged as in ``torques``, and its doubts are printed as notes.
+    The motion is judged as by the command ``torques``, and its doubts are printed as notes.
     """
     if log.trajectory is None:
-        options_of_motion = [*log.given, *(name for name in _MOTION_OPTIONS if name in asked)]
-        if options_of_motion:
-            flag = f"--{options_of_motion[0].replace('_', '-')}"
-            raise ValueRangeError(f"{flag} is about a motion, and none is given. Add --trajectory.")
-        if {"clearance", "srdf"} & {*asked}:
+        for name in (*log.given, *_MOTION_OPTIONS):
+            if name in log.given or name in asked:
+                flag = f"--{name.replace('_', '-')}"
+                raise ValueRangeError(f"{flag} is about a motion, and none is given. Add --trajectory.")
+        if "clearance" in asked or "srdf" in asked:
             raise ValueRangeError("--clearance is of a motion, and there is none. Add --trajectory FILE.csv.")
         case = LoadCase(robot.load(), tuple(asked.get("payload", ())), asked.get("wrench_on_robot", {}))
         return case.with_load, case.wrenches, None

@@ -51,19 +51,20 @@ class ContactWrench:
     blind: Array
     """(k - rank, 6), for k selected rows: orthonormal wrenches on them that need no joint torques."""
     unexplained: Array
-    """(nv,): r - J'F, the part of r that no wrench at this frame explains; large if the contact is elsewhere."""
+    """(nv,): part of r that no wrench at this frame explains, r - J'F; large if the contact is elsewhere."""
     frame: str
     """Frame of the wrench; its axes are the frame's."""
     rank: int
     """Number of independent wrenches that the joint torques determine."""
 
     def __str__(self) -> str:
-        components = ", ".join(f"{name} {number(value)}" for name, value in zip(WRENCH, self.wrench, strict=True))
+        components = [f"{name} {number(value)}" for name, value in zip(WRENCH, self.wrench, strict=True)]
         rank = f"rank {self.rank}"
         if len(self.blind):
             rank += f", {len(self.blind)} directions are not observable"
-        residual = float(np.linalg.norm(self.unexplained))
-        return f"wrench on the robot at {self.frame}: {components} ({rank}; {number(residual, 3)} of the torques unexplained)"
+        unexplained = number(float(np.linalg.norm(self.unexplained)), 3)
+        wrench = ", ".join(components)
+        return f"wrench on the robot at {self.frame}: {wrench} ({rank}; {unexplained} of the torques unexplained)"
 
 
 class MomentumObserver:
@@ -136,15 +137,17 @@ class MomentumObserver:
         -------
         residual : (nv,) array, estimate of τ_ext [N m, sliding joints: N]
         """
-        now, nv = arguments.number(t, "MomentumObserver: t"), self.robot.nv
+        time = arguments.number(t, "MomentumObserver: t")
         q, dq = one_state(self.robot, "MomentumObserver", q, dq)
-        tau = arguments.one(tau, "MomentumObserver: tau", nv, names=self.robot.model.velocity_names)
+        velocity_names = self.robot.model.velocity_names
+        tau = arguments.one(tau, "MomentumObserver: tau", self.robot.nv, names=velocity_names)
         for name, value in (("t", t), ("q", q), ("dq", dq), ("tau", tau)):  # a NaN would stay in the residual forever
             arguments.finite(value, f"MomentumObserver: {name}")
-        state = (now, dq.copy(), *self._momentum(q, dq))  # copied: the caller may overwrite dq
+        p, beta = self._momentum(q, dq)
+        sample = (time, dq.copy(), p, beta)  # copied: the caller may overwrite dq
         if self._last is not None:
-            self._residual = self._next_residual(self._residual, self._last, state, tau)
-        self._last = state
+            self._residual = self._next_residual(self._residual, self._last, sample, tau)
+        self._last = sample
         return self.residual
 
     def over(self, times: ArrayLike, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
@@ -175,9 +178,9 @@ class MomentumObserver:
         dq = checked_rows(dq, "dq", velocity_names)
         tau = checked_rows(tau, "tau", velocity_names)
         p, beta = self._momentum(q, dq)
-        before = t[:-1], dq[:-1], p[:-1], beta[:-1]
-        after = t[1:], dq[1:], p[1:], beta[1:]
-        x, kept_share = self._mean(before, after, tau[:-1])
+        begins = t[:-1], dq[:-1], p[:-1], beta[:-1]
+        ends = t[1:], dq[1:], p[1:], beta[1:]
+        x, kept_share = self._mean(begins, ends, tau[:-1])
         residual = np.zeros((len(t), self.robot.nv))
         for k in range(len(t) - 1):
             residual[k + 1] = x[k] + kept_share[k] * (residual[k] - x[k])
@@ -271,7 +274,8 @@ class MomentumObserver:
         -------
         found : ContactWrench
         """
-        robot, selected = self.robot, list(row_numbers(rows))
+        robot = self.robot
+        selected = list(row_numbers(rows))
         if not isinstance(kind, str) or kind not in KINDS:
             raise UnknownNameError.from_choices("kind", kind, KINDS)
         q = arguments.one(q, "MomentumObserver.wrench: q", robot.nq, names=robot.coordinate_names)
@@ -282,46 +286,53 @@ class MomentumObserver:
         r = arguments.finite(arguments.one(residual, what, robot.nv, names=robot.model.velocity_names), what)
         J = robot.jacobian(q, frame, kind)[selected]
         U, s, Vt = np.linalg.svd(J)  # J = U diag(s) Vt, so r = J'F = Vt' diag(s) U' F
-        rank = int(np.count_nonzero(s > SINGULAR_VALUE_SHARE * s.max(initial=0.0)))
-        F, blind = np.zeros(6), np.zeros((len(selected) - rank, 6))
+        min_singular_value = SINGULAR_VALUE_SHARE * s.max(initial=0.0)
+        rank = int(np.count_nonzero(s > min_singular_value))
+        F = np.zeros(6)
         F[selected] = U[:, :rank] @ (Vt[:rank] @ r / s[:rank])
+        blind = np.zeros((len(selected) - rank, 6))
         blind[:, selected] = U[:, rank:].T
+        unexplained = r - J.T @ F[selected]
         frame_name = str(robot.tip if frame is None else frame)
-        return ContactWrench(F, blind, r - J.T @ F[selected], frame_name, rank)
+        return ContactWrench(F, blind, unexplained, frame_name, rank)
 
     def _momentum(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Momentum p = M dq, and β = (C + C') dq - h."""
         M, C, h = self._dynamics(q, dq)
         dq_column = dq[..., None]
-        p = (M @ dq_column)[..., 0]
-        return p, ((C + np.swapaxes(C, -1, -2)) @ dq_column)[..., 0] - h
+        p_column = M @ dq_column
+        C_transposed = np.swapaxes(C, -1, -2)
+        velocity_column = (C + C_transposed) @ dq_column
+        return p_column[..., 0], velocity_column[..., 0] - h
 
     def _next_residual(
         self, r: Array, last: tuple[float, Array, Array, Array], now: tuple[float, Array, Array, Array], tau: Array
     ) -> Array:
-        """Residual after one sample, from t, dq, p and β before and after it."""
-        before, after = [np.asarray(value)[None] for value in last], [np.asarray(value)[None] for value in now]
-        x, kept_share = self._mean(before, after, tau[None])
+        """Residual (nv,) after a sample, from the one before it and t, dq, p and β of both samples."""
+        begin = [np.asarray(value)[None] for value in last]
+        end = [np.asarray(value)[None] for value in now]
+        x, kept_share = self._mean(begin, end, tau[None])
         return np.asarray(x[0] + kept_share[0] * (r - x[0]))
 
-    def _mean(self, before: Sequence[Array], after: Sequence[Array], tau: Array) -> tuple[Array, Array]:
+    def _mean(self, begins: Sequence[Array], ends: Sequence[Array], tau: Array) -> tuple[Array, Array]:
         """Means x (n, nv) of τ_ext between samples, and the kept share exp(-K Δ) of the residual.
 
-        ``before`` and ``after`` are t, dq, p and β at the begins and ends of n intervals.
+        ``begins`` and ``ends`` are t, dq, p and β at the begins and ends of n intervals.
         """
-        (t0, dq0, p0, beta0), (t1, dq1, p1, beta1) = before, after
+        t0, dq0, p0, beta0 = begins
+        t1, dq1, p1, beta1 = ends
         dt = (t1 - t0)[:, None]
         not_rising = ~(dt[:, 0] > 0)
         if not_rising.any():
-            k = int(not_rising.argmax())
+            k = int(not_rising.argmax())  # the first one
             raise ValueRangeError(
                 f"MomentumObserver: t = {printed(float(t1[k]))} s is not after the last time, {printed(float(t0[k]))} s. Give "
                 "samples in order, and begin a new motion with reset()."
             )
         if self.friction:
             # Torques minus friction; load-dependent friction depends on the remaining torques.
-            past = self._torque_past_friction
-            tau = 0.5 * np.asarray(past(dq0, tau) + past(dq1, tau))
+            past_friction = self._torque_past_friction
+            tau = 0.5 * np.asarray(past_friction(dq0, tau) + past_friction(dq1, tau))
         return (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1), np.exp(-self.gain * dt)
 
 

@@ -42,7 +42,7 @@ BEGIN = 2.0
 BLOCK = 1.0
 """Length of a block [s]."""
 HOUR = 3600.0
-"""An hour [s]."""
+"""Length of an hour [s]."""
 _MIN_BLOCKS = 30
 """Least number of blocks for a verdict without doubt."""
 _CELL_COUNT = 9
@@ -52,18 +52,18 @@ _MIN_INDEPENDENT_ROWS = 10.0
 _MIN_DEVIATIONS = 3.0
 """Ratio of a mean to its standard deviation from which the mean is not noise."""
 _QUIET_SHARE = 0.9
-"""Share of the blocks, those with the smallest maxima, by which a push is recognised in the others."""
+"""Share of the blocks that count as quiet: a push in another block shows beside their maxima."""
 _EULER_CONSTANT = 0.5772156649
 """γ of the Gumbel law."""
 _MAX_NOISE_RATIO = 3.0
-"""Largest noise of a block, in multiples of the noise threshold by the other blocks, above which something pushed."""
+"""Largest noise of a block without a push, in multiples of the threshold from quiet blocks."""
 _MAX_DETECTION_TIME = 0.3
 """Time in which a push must pass a threshold [s]."""
 _MAX_POSES = 200
 """About the largest number of poses at which pushes are computed."""
 _MIN_SENSITIVITY = 1e-9
 """Ratio of a direction's response to the largest one below which no joint reacts to this direction."""
-_DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+_DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])  # without (0, 0, 0)
 _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 """(26, 3) directions to the faces, edges and corners of a cube."""
 
@@ -150,7 +150,8 @@ class ResidualThreshold(Answer):
     @property
     def texts(self) -> dict[str, list[str]]:
         """Threshold of each joint and its parts, with units."""
-        units = units_of("tau", Coordinates.from_model(self.observer.robot.model).angular_velocity)
+        is_angular = Coordinates.from_model(self.observer.robot.model).angular_velocity
+        units = units_of("tau", is_angular)
         columns = {}
         for name, values in (("threshold", self.torques), ("noise", self.noise), ("model", self.model)):
             columns[name] = [quantity(x, unit, 3) for x, unit in zip(values.tolist(), units, strict=True)]
@@ -207,20 +208,21 @@ def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: flo
         raise ShapeError("MomentumObserver.threshold: the motion has no torques. Give a log with measured torques.")
     per_hour = arguments.positive(per_hour, "per_hour")
     e = observer.over(motion.time, motion.q, motion.dq, motion.tau)
-    used = motion.time >= motion.time[0] + BEGIN
-    block_number = ((motion.time[used] - motion.time[0] - BEGIN) / BLOCK).astype(int)
+    used = motion.time >= motion.time[0] + BEGIN  # rows
+    block_number = ((motion.time[used] - motion.time[0] - BEGIN) / BLOCK).astype(int)  # of each used row
     if not used.any() or block_number[-1] < 2:
         raise ValueRangeError(
             f"MomentumObserver.threshold: the log has {number(motion.duration, 3)} s. Give {number(BEGIN + _MIN_BLOCKS)} s or "
             "more."
         )
     step = float(np.median(np.diff(motion.time)))
-    mean = _cell_means(e[used], motion.dq[used], _single_positions(motion)[used], step, observer.gain)
-    first_rows = np.flatnonzero(np.diff(block_number, prepend=-1))
+    positions = _single_positions(motion)
+    mean = _cell_means(e[used], motion.dq[used], positions[used], step, observer.gain)
+    first_rows = np.flatnonzero(np.diff(block_number, prepend=-1))  # of the blocks
     maxima = np.maximum.reduceat(np.abs(e[used] - mean), first_rows)
     if len(maxima) > _MIN_BLOCKS:
         maxima = maxima[:-1]  # the last block may be short
-    share = per_hour * BLOCK / HOUR / observer.robot.nv
+    share = per_hour * BLOCK / HOUR / observer.robot.nv  # of blocks with a false alarm of one joint
     noise = gumbel_level(maxima, share)
     model = np.abs(mean).max(axis=0)
     doubts = tuple(_doubts(observer, motion, maxima, share))
@@ -229,13 +231,14 @@ def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: flo
 
 
 def gumbel_level(maxima: Array, share: float) -> Array:
-    """Levels √u (k,) that the block maxima (n, k) of the noise's size pass in a share p of the blocks.
+    """Levels √u (k,) of the residual's size, which a share p of the blocks with these maxima (n, k) passes.
 
     From P(x < u) = 1 - p: u = a - b log(-log(1 - p)), with a = mean(x) - γ b.
     """
     x = maxima**2
     b = np.sqrt(6.0) / np.pi * x.std(axis=0, ddof=1)
-    return np.asarray(np.sqrt(x.mean(axis=0) + b * (-np.log(-np.log1p(-share)) - _EULER_CONSTANT)))
+    u = x.mean(axis=0) + b * (-np.log(-np.log1p(-share)) - _EULER_CONSTANT)
+    return np.asarray(np.sqrt(u))
 
 
 def _single_positions(motion: Motion) -> Array:
@@ -243,7 +246,8 @@ def _single_positions(motion: Motion) -> Array:
     positions = np.zeros(motion.dq.shape)
     for body in motion.robot.model.leaders:
         if body.joint.nv == body.joint.nq == 1:
-            positions[:, body.places[1]] = motion.q[:, body.places[0]]
+            coordinates, velocities = body.places
+            positions[:, velocities] = motion.q[:, coordinates]
     return positions
 
 
@@ -261,10 +265,13 @@ def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Arra
         cell = 3 * sign_number + third
         count = np.maximum(np.bincount(cell, minlength=_CELL_COUNT), 1)
         mean = np.bincount(cell, e[:, j], minlength=_CELL_COUNT) / count
-        variance = np.bincount(cell, e[:, j] ** 2, minlength=_CELL_COUNT) / count - mean**2
-        independent = np.maximum(count * min(1.0, 0.5 * gain[j] * step), 1.0)
-        significant = np.abs(mean) > _MIN_DEVIATIONS * np.sqrt(np.maximum(variance, 0.0) / independent)
-        means[:, j] = np.where(significant & (independent >= _MIN_INDEPENDENT_ROWS), mean, 0.0)[cell]
+        mean_square = np.bincount(cell, e[:, j] ** 2, minlength=_CELL_COUNT) / count
+        variance = mean_square - mean**2
+        independent_rows = np.maximum(count * min(1.0, 0.5 * gain[j] * step), 1.0)
+        deviation = np.sqrt(np.maximum(variance, 0.0) / independent_rows)  # of the mean
+        is_significant = np.abs(mean) > _MIN_DEVIATIONS * deviation
+        cell_means = np.where(is_significant & (independent_rows >= _MIN_INDEPENDENT_ROWS), mean, 0.0)
+        means[:, j] = cell_means[cell]
     return means
 
 
@@ -277,11 +284,12 @@ def _doubts(observer: MomentumObserver, motion: Motion, maxima: Array, share: fl
     quiet = np.sort(maxima, axis=0)[:quiet_count]
     ratio = maxima / np.maximum(gumbel_level(quiet, share), 1e-300)
     block, joint = np.unravel_index(int(ratio.argmax()), ratio.shape)
-    if ratio[block, joint] > _MAX_NOISE_RATIO:
+    max_ratio = float(ratio[block, joint])
+    if max_ratio > _MAX_NOISE_RATIO:
+        block_begin = float(motion.time[0]) + BEGIN + BLOCK * int(block)  # [s]
         yield doubt(
             "residual-pushed", [observer.robot.model.velocity_names[joint]],
-            when=number(float(motion.time[0]) + BEGIN + BLOCK * int(block), 4), times=number(float(ratio[block, joint]), 2),
-            found={"value": float(motion.time[0]) + BEGIN + BLOCK * int(block), "unit": "s"},
+            when=number(block_begin, 4), times=number(max_ratio, 2), found={"value": block_begin, "unit": "s"},
         )  # fmt: skip
 
 
@@ -292,8 +300,9 @@ def smallest_force(observer: MomentumObserver, q: Array, threshold: Array) -> fl
     to (1 - exp(-K t)) J' d after the time t.
     """
     poses = q[:: max(1, len(q) // _MAX_POSES)]
-    J = np.asarray(observer.robot.jacobian(poses))[:, 3:]
-    residuals = np.einsum("di,kij->kdj", _DIRECTIONS, J) * -np.expm1(-observer.gain * _MAX_DETECTION_TIME)
+    J = np.asarray(observer.robot.jacobian(poses))[:, 3:]  # linear rows (n, 3, nv)
+    torques = np.einsum("di,kij->kdj", _DIRECTIONS, J)  # by 1 N in each direction
+    residuals = torques * -np.expm1(-observer.gain * _MAX_DETECTION_TIME)
     shares = (np.abs(residuals) / threshold).max(axis=2)  # of the joint nearest to its threshold
     min_shares = shares.min(axis=1)  # in the worst direction
     is_sensitive = min_shares > _MIN_SENSITIVITY * shares.max()

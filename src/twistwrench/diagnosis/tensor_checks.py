@@ -31,21 +31,25 @@ _MIN_ABSORBED_EFFECT = 1.0
 MIN_EFFECT = 5.0
 """Change of the mass matrix M [%] above which a disagreement of tensor and shapes is relevant."""
 _MAX_RATIO_TO_BOX = 2.0
-"""Largest ratio of a moment to the largest one that the mass can have in the box of the shapes; larger is too large."""
+"""Largest moment that fits the shapes, in units of the largest moment that the mass can have in the box of the shapes."""
 _MAX_IDENTIFIED_RATIO = 10.0
-"""Largest such ratio that base-parameter regrouping explains."""
+"""Largest moment, in the same units, that base-parameter regrouping explains."""
 _MAX_MILD_CHANGE = 0.5
-"""Ratio of two changes of a tensor: by the nearest possible tensor, and by the repair of the slip. Below it, the message
-names the nearest tensor too."""
+"""Ratio of two changes of a tensor, to the nearest possible tensor and to the corrected slip, below which the message names
+the nearest tensor too."""
 _MIN_RADIUS_OF_DIAGONAL = 1.0 / 30.0
-"""Smallest ratio of a gyration radius to the diagonal of the shapes; smaller is too small."""
+"""Smallest gyration radius that fits the shapes, as a share of their diagonal."""
 _NAMES_OF_MOMENTS = ("ixx", "iyy", "izz")
 _PRODUCTS = ([0, 0, 1], [1, 2, 2])
-"""Rows and columns of the products of inertia in a tensor: xy, xz, yz."""
+"""Indices of the products of inertia xy, xz and yz in a tensor: rows, then columns."""
+_MIN_PRODUCT_OF_TRACE = 1e-3
+"""Largest product of inertia from which a tensor looks identified, as a share of its trace."""
+_MAX_EXPONENT_ERROR = 1e-9
+"""Distance of a decimal logarithm from a whole number up to which the number is a power of ten."""
 
 
 def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
-    """Negative moments, or a violated triangle inequality, of a single link."""
+    """Findings on tensors of single links with a negative moment, or a violated triangle inequality."""
     refused_bodies = {i for i, body in enumerate(robot.model.bodies) if reasons(body.inertia)}
     for link in robot.links.values():
         written = link.written
@@ -55,7 +59,8 @@ def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
         if not defects:
             continue
         reference = reference_of(link)
-        error = explain([*sign_errors(written.tensor), *power_errors(written.tensor)], reference)
+        possible_errors = [*sign_errors(written.tensor), *power_errors(written.tensor)]
+        error = explain(possible_errors, reference)
         repair = _repair_with_milder(link, error, options.metric, reference)
         if repair is None:
             repair = nearest_repair(link, options.metric, reference)
@@ -65,16 +70,16 @@ def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
         body = BASE  # a link that does not move has no frame
         if link.name in robot.model.frames:
             body = robot.model.frames[link.name].body
-        sentence = f"its tensor cannot exist: {'; '.join(defects)}; {_fate(body, refused_bodies)}"
-        matters = body != BASE and effect.reaches(_MIN_ABSORBED_EFFECT)
-        finding = link.finding("impossible", matters, sentence, numbers, effect, repair)
+        sentence = f"its tensor cannot exist: {'; '.join(defects)}; {_body_clause(body, refused_bodies)}"
+        is_relevant = body != BASE and effect.reaches(_MIN_ABSORBED_EFFECT)
+        finding = link.finding("impossible", is_relevant, sentence, numbers, effect, repair)
         if body in refused_bodies:
             finding = replace(finding, severity=Severity.ERROR)
         yield finding
 
 
-def _fate(body: int, refused_bodies: Collection[int]) -> str:
-    """Consequence of an impossible link for its moving body."""
+def _body_clause(body: int, refused_bodies: Collection[int]) -> str:
+    """Clause on the moving body of an impossible link: refused, absent, or consistent."""
     if body in refused_bodies:
         return "the moving body it belongs to cannot exist, and is refused on loading"
     if body == BASE:
@@ -83,23 +88,23 @@ def _fate(body: int, refused_bodies: Collection[int]) -> str:
 
 
 def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Moment above twice the largest that the mass can have within the box of the link's shapes."""
+    """Findings on tensors with a moment above twice the largest that the mass can have in the box of the shapes."""
     for link, written in comparable_links(robot):
         I = written.tensor
+        moments = I.diagonal()
         extent = _extent_from_centre(link, written)
-        max_moments = written.mass * (
-            extent @ extent - extent**2
-        )  # for x: m (y² + z²), all mass in the farthest corner
-        fits = bool((I.diagonal() <= _MAX_RATIO_TO_BOX * max_moments).all())
-        flat_box = not extent.all()
-        if fits or flat_box:
+        # With all mass in the farthest corner of the box; about x: m (y² + z²).
+        box_moments = written.mass * (extent @ extent - extent**2)
+        allowed_moments = _MAX_RATIO_TO_BOX * box_moments
+        has_flat_box = not extent.all()
+        if has_flat_box or (moments <= allowed_moments).all():
             continue
-        axis = int((I.diagonal() / max_moments).argmax())
-        factor = float(I[axis, axis] / max_moments[axis])
+        axis = int((moments / box_moments).argmax())
+        factor = float(moments[axis] / box_moments[axis])
         reference = reference_of(link)
         errors = [*origin_errors(I, written), *unit_errors(I, reference), *dimension_errors(I, written.mass)]
-        errors_that_fit = [e for e in errors if (e.tensor.diagonal() <= _MAX_RATIO_TO_BOX * max_moments).all()]
-        error = explain(errors_that_fit, reference)
+        fitting_errors = [error for error in errors if (error.tensor.diagonal() <= allowed_moments).all()]
+        error = explain(fitting_errors, reference)
         if error is None and factor <= _MAX_IDENTIFIED_RATIO and identified_like(written):
             repair = None
             effect = Effect()
@@ -109,18 +114,18 @@ def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
             effect = robot.effects.evaluate(repair.inertias)
             explanation = ""
         name = _NAMES_OF_MOMENTS[axis]
-        radius = float(np.sqrt(I[axis, axis] / written.mass))
-        max_moment = float(max_moments[axis])
+        radius = float(np.sqrt(moments[axis] / written.mass))
+        max_moment = float(box_moments[axis])
         yield link.finding(
             "too-large", effect.reaches(MIN_EFFECT),
-            f"its tensor is too large for its shapes: {name} is {number(I[axis, axis])} kg m², a gyration radius "
+            f"its tensor is too large for its shapes: {name} is {number(moments[axis])} kg m², a gyration radius "
             f"of {number(radius, 3)} m, and {number(written.mass)} kg in their box have {number(max_moment, 3)} at most"
             f"{explanation}", {"factor": factor, "gyration_radius": radius, "largest": max_moment}, effect, repair,
         )  # fmt: skip
 
 
 def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Largest gyration radius below a thirtieth of the diagonal of the shapes."""
+    """Findings on tensors whose largest gyration radius is below a thirtieth of the diagonal of the shapes."""
     for link, written in comparable_links(robot):
         max_moment = float(np.linalg.eigvalsh(written.tensor)[-1])
         radius = float(np.sqrt(max(max_moment, 0.0) / written.mass))
@@ -140,7 +145,7 @@ def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def comparable_links(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenInertia]]:
-    """Links with at least 1 % of the mass, a consistent tensor, and completely read shapes."""
+    """Links whose tensor can be compared with shapes: heavy links with a consistent tensor and completely read shapes."""
     for link in robot.links.values():
         written = link.written
         if written is None or not robot.heavy(link) or reasons(written.inertia):
@@ -150,25 +155,26 @@ def comparable_links(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenIne
 
 
 def no_tensor(written: WrittenInertia) -> bool:
-    """True if the tensor is zero, a rounding error of the moments about the origin, or that of a body of a micrometre."""
+    """True if the tensor is zero, or is not larger than a rounding error or the tensor of a body of a micrometre."""
     max_entry = float(np.abs(written.tensor).max())
-    rounding_error = 1e-13 * float(np.abs(written.inertia.moment_about_origin).max())
+    rounding_error = 1e-13 * float(np.abs(written.inertia.moment_about_origin).max())  # of Steiner's theorem
     micrometre_body = 1e-12 * written.mass  # m r² with r = 1e-6 m
     return max_entry <= max(rounding_error, micrometre_body)
 
 
 def placeholder(written: WrittenInertia) -> bool:
-    """True if all moments equal one power of ten, as in templates, and each product is zero or has this size too."""
+    """True for a tensor as in templates: all moments are one power of ten, and each product is zero or of this size."""
     moment = float(written.tensor[0, 0])
     if moment <= 0 or (written.tensor.diagonal() != moment).any():
         return False
     products = set(np.abs(written.tensor[_PRODUCTS]).tolist())
     exponent = np.log10(moment)
-    return products <= {0.0, moment} and abs(exponent - round(exponent)) < 1e-9
+    is_power_of_ten = abs(exponent - round(exponent)) < _MAX_EXPONENT_ERROR
+    return products <= {0.0, moment} and is_power_of_ten
 
 
 def reference_of(link: ParsedLink) -> Array | None:
-    """Tensor of the link's shapes at the link's mass, along the axes of its written tensor; None without volume."""
+    """Tensor of the link's shapes with the link's mass, in the axes of its written tensor; None without volume."""
     if link.written is None or not link.shapes.complete:
         return None
     tensor = link.shapes.tensor(link.written.mass)
@@ -179,7 +185,7 @@ def reference_of(link: ParsedLink) -> Array | None:
 
 
 def entry_error_repair(link: ParsedLink, error: EntryError | None) -> FileRepair | None:
-    """Repair by correction of an entry error, if there is one."""
+    """Repair by correction of an entry error; None without an error."""
     if error is None:
         return None
     return _tensor_repair(link, "slip", f"one slip would explain it: {error.sentence}", error.tensor)
@@ -188,17 +194,18 @@ def entry_error_repair(link: ParsedLink, error: EntryError | None) -> FileRepair
 def _repair_with_milder(
     link: ParsedLink, error: EntryError | None, metric: str, reference: Array | None
 ) -> FileRepair | None:
-    """Repair of an entry error; its sentence names the nearest possible tensor too, if that is a far smaller change."""
+    """Repair of an entry error, None without one; its sentence names the nearest possible tensor if that is far nearer."""
     repair = entry_error_repair(link, error)
     if error is None or repair is None or link.written is None:
         return repair
-    written = link.written.tensor
-    mild_change = _relative_change(written, nearest(written, metric, reference))
-    change = _relative_change(written, error.tensor)
+    written_tensor = link.written.tensor
+    nearest_tensor = nearest(written_tensor, metric, reference)
+    mild_change = _relative_change(written_tensor, nearest_tensor)
+    change = _relative_change(written_tensor, error.tensor)
     if mild_change >= _MAX_MILD_CHANGE * change:
         return repair
-    sizes = f"{percent(mild_change, 2)} away, the slip's {percent(change, 2)}: check all entries"
-    sentence = f"{repair.sentence}; the nearest tensor that can exist ({METRICS[metric]}) is only {sizes}"
+    changes = f"{percent(mild_change, 2)} away, the slip's {percent(change, 2)}: check all entries"
+    sentence = f"{repair.sentence}; the nearest tensor that can exist ({METRICS[metric]}) is only {changes}"
     return replace(repair, sentence=sentence)
 
 
@@ -213,7 +220,7 @@ def nearest_repair(link: ParsedLink, metric: str, reference: Array | None) -> Fi
 
 
 def _relative_change(written: Array, tensor: Array) -> float:
-    """Change of a tensor, relative to the written one."""
+    """Norm of the change from the written tensor to another one, relative to the written tensor."""
     return float(np.linalg.norm(tensor - written) / np.linalg.norm(written))
 
 
@@ -228,20 +235,22 @@ def shape_repair(
 
 
 def _tensor_repair(link: ParsedLink, kind: str, sentence: str, tensor: Array, metric: str = "") -> FileRepair:
-    """Repair of a kind by a tensor, rounded as the file writes it."""
+    """Repair of a kind by another tensor, with the rounded entries that the file gets."""
     assert link.written is not None
-    edits, tensor = link.written.tensor_edits(tensor)
-    return FileRepair(kind, sentence, {link.name: link.written.with_tensor(tensor)}, edits, metric)
+    edits, rounded_tensor = link.written.tensor_edits(tensor)
+    inertias = {link.name: link.written.with_tensor(rounded_tensor)}
+    return FileRepair(kind, sentence, inertias, edits, metric)
 
 
 def _extent_from_centre(link: ParsedLink, written: WrittenInertia) -> Array:
-    """Extent (3,) of the shapes from the centre of mass along the file's axes [m]."""
+    """Largest distance (3,) of the shapes from the centre of mass, along each of the file's axes [m]."""
     low, high = link.shapes.box(written.R)  # corners along the file's axes, from the link's origin
     c = written.R.T @ written.com
     return np.maximum(np.abs(low - c), np.abs(high - c))
 
 
 def identified_like(written: WrittenInertia) -> bool:
-    """True if the tensor looks identified: no product is zero, and one is not small beside the moments."""
+    """True if the tensor looks identified: no product is zero, and the largest is not small beside the moments."""
     products = np.abs(written.tensor[_PRODUCTS])
-    return bool(products.all() and products.max() > 1e-3 * written.tensor.trace())
+    min_product = _MIN_PRODUCT_OF_TRACE * written.tensor.trace()
+    return bool(products.all() and products.max() > min_product)

@@ -8,7 +8,7 @@ import re
 import reprlib
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ UNITS: dict[str, dict[str, float]] = {
         "ozf in": 0.007061551814226043,
     },
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "viscous": {"N m s/rad": 1.0, "mN m s/rad": 1e-3},
+    "viscous": {"N m s/rad": 1.0, "mN m s/rad": 1e-3},  # friction coefficient
     "viscous, sliding": {"N s/m": 1.0, "kN s/m": 1e3},
     "speed": {"rad/s": 1.0, "rpm": _RADIANS_PER_TURN / 60, "deg/s": _RADIANS_PER_TURN / 360},
     "speed, sliding": {"m/s": 1.0, "mm/s": 1e-3},
@@ -58,7 +58,7 @@ UNITS: dict[str, dict[str, float]] = {
 """Units of each kind of quantity, SI first, each with its value in the SI unit."""
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)(.*)", re.DOTALL)
-"""Number with a unit: its groups are the number and everything after it."""
+"""Number with a unit: its groups are the number and everything after it. ``(?!\\d)`` keeps a digit out of the unit."""
 
 
 def si_unit(kind: str) -> str:
@@ -83,19 +83,19 @@ def in_si(value: object, kind: str, where: str) -> float:
     if match is None:
         raise ModelError(f"{where} is {value!r}, expected a number with a unit, such as 1.5 {si}.")
     digits, unit_text = match.groups()
-    normal_factors = {_normal_unit(unit): factor for unit, factor in factors.items()}
-    unit = _normal_unit(unit_text)
-    if unit not in normal_factors:
+    factor_by_unit = {_normalised_unit(unit): factor for unit, factor in factors.items()}
+    unit = _normalised_unit(unit_text)
+    if unit not in factor_by_unit:
         description = f"the unit {unit_text.strip()!r}" if unit else "no unit"
         raise ModelError(f"{where} is {value!r}, with {description}. Known here: {unit_names}.")
-    number = float(digits) * normal_factors[unit]
+    number = float(digits) * factor_by_unit[unit]
     if not math.isfinite(number):
         raise ModelError(f"{where} is {value!r}, which is not a finite number.")
     return float(f"{number:.15g}")  # rounded as a decimal: 33.3 g cm² is 3.33e-6 kg m² exactly
 
 
-def _normal_unit(unit: str) -> str:
-    """Unit without spaces, dots and carets, so that kg·m², kg m^2 and kgm2 are equal; the two signs for micro are equal too."""
+def _normalised_unit(unit: str) -> str:
+    """Unit in one spelling: kg·m², kg*m^2 and kgm2 become equal, as do the two signs for micro."""
     return re.sub(r"[\s·*^]", "", unit).replace("²", "2").replace("μ", "µ")
 
 
@@ -117,7 +117,6 @@ class Section:
     content: Any
     path: str
     """Keys from the top of the file, joined by arrows; empty for the file itself."""
-    taken: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         if not isinstance(self.content, Mapping):
@@ -149,14 +148,17 @@ class Section:
     def vector(self, key: str, kind: str) -> Any:
         """Three numbers (3,) of an entry, each with a unit."""
         values = self.content[key]
-        is_list = not isinstance(values, str | Mapping) and np.ndim(np.asarray(values, object)) == 1
-        if not is_list or len(values) != 3:
+        shape: tuple[int, ...] = ()
+        if not isinstance(values, str | Mapping):
+            shape = np.shape(np.asarray(values, object))
+        if shape != (3,):
             raise ModelError(f"{self.where(key)} is {short_text(values)}, expected three entries in brackets.")
-        components = Section(dict(zip("xyz", values, strict=True)), self.where(key))
+        value_by_axis = dict(zip("xyz", values, strict=True))
+        components = Section(value_by_axis, self.where(key))  # so that messages name the axis
         return np.array([components.number(axis, kind) for axis in "xyz"])
 
     def optional(self, key: str, get: Callable[..., Any], *args: Any) -> dict[str, Any]:
-        """``{key: get(key, *args)}``; empty if the key is absent."""
+        """Value under a key, as ``{key: get(key, *args)}`` for keyword arguments; empty if the key is absent."""
         if key not in self.content:
             return {}
         return {key: get(key, *args)}
@@ -167,7 +169,7 @@ def plain_number(value: object, problem: str) -> float:
     has_underscore = isinstance(value, str) and "_" in value  # Python would read 1_0 as 10
     try:
         if isinstance(value, bool) or has_underscore:
-            raise ValueError  # noqa: TRY301  one message for all cases
+            raise ValueError  # noqa: TRY301  caught below: one message for all cases
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise ModelError(problem) from None
@@ -199,9 +201,10 @@ def read_yaml(source: Source, what: str = "actuator file", entry: str = "actuato
         return source, f"the {entry} given"
     if not isinstance(source, str | os.PathLike):
         raise ModelError(f"{entry} come from a path, YAML text or a mapping, not from {type(source).__name__}.")
-    text, origin = str(source), "the text given"
-    is_path = "\n" not in text and ":" not in Path(text).name  # YAML has lines or "name: value"
-    if is_path:
+    text = str(source)  # of YAML, or a path
+    origin = "the text given"
+    is_yaml = "\n" in text or ":" in Path(text).name  # several lines or "name: value"
+    if not is_yaml:
         path = Path(source)
         try:
             exists = path.is_file() or is_stream(path)
@@ -228,6 +231,8 @@ def _parse(text: str, origin: str) -> object:
             )
 
     class Loader(yaml.BaseLoader):
+        """Loader that limits the depth, of brackets and of indents, and refuses repeated keys."""
+
         def fetch_flow_collection_start(self, TokenClass: Any) -> None:
             check_depth(self.flow_level)
             super().fetch_flow_collection_start(TokenClass)

@@ -33,6 +33,10 @@ PAUSE = 0.05
 """Minimum pause [s]: a log is split at steps that exceed it and five usual steps; gaps are never filled."""
 _CUT_BORDER = 2  # periods of the cut-off at a pause, in which filters have not settled
 _MIN_PIECE_SHARE = 0.1  # minimum length of a piece, as a share of the longest piece
+_MAX_STEP_DEVIATION = 0.1  # of a step of time from the clock's step, as a share of it, above which the sample moved
+_MIN_PERIODS = 4.0  # of a cut-off in the duration of a log
+_MAX_CUTOFF_SHARE = 0.1  # largest cut-off, as a share of the sampling rate
+_CUTOFF_DIGITS = (1.0, 2.0, 3.0, 5.0, 7.0)  # of cut-offs; neighbours are at most 1/3 decade apart
 MIN_SAMPLES = 60
 """Minimum number of samples for an identification."""
 _ROWS_OF_USUAL_STEP = 1 << 20
@@ -43,41 +47,52 @@ _ROWS_OF_USUAL_STEP = 1 << 20
 class SteadySamples:
     """One log on a steady clock."""
 
-    start: float  # time of the first sample [s]
-    rate: float  # samples per second [Hz]
-    q: Array  # (n, nv), positions of the joints
-    tau: Array  # (n, nv), torques of the joints
-    moved: float = 0.0  # share of steps of time that differ from the clock's step by over a tenth of it
-    cut: bool = False  # True for one of several pieces of a log with pauses
-    log: int = 0  # number of its log, from 1; 0 if there is only one log
+    start: float
+    """Time of the first sample [s]."""
+    rate: float
+    """Samples per second [Hz]."""
+    q: Array
+    """(n, nv), positions of the joints."""
+    tau: Array
+    """(n, nv), torques of the joints."""
+    moved: float = 0.0
+    """Share of steps of time that differ from the clock's step by over a tenth of it."""
+    cut: bool = False
+    """True for one of several pieces of a log with pauses."""
+    log: int = 0
+    """Number of the log, from 1; 0 if there is only one log."""
 
     @classmethod
     def pieces(cls, time: Array, q: Array, tau: Array, where: str) -> list[SteadySamples]:
-        """Split a log at its pauses and resample each piece on its own steady clock; pieces that are too short are left out."""
-        edges = [0, *(pauses(time, PAUSE) + 1).tolist(), len(time)]
-        is_cut = len(edges) > 2
+        """Pieces of a log between its pauses, each resampled on its own steady clock; short pieces are left out."""
+        first_rows = (pauses(time, PAUSE) + 1).tolist()  # after the pauses
+        edges = [0, *first_rows, len(time)]
         rows_of_pieces = [slice(a, b) for a, b in pairwise(edges) if b - a >= MIN_SAMPLES]
         if not rows_of_pieces:  # the whole log, so that its error message counts all samples
             rows_of_pieces = [slice(None)]
-        pieces = [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=is_cut) for s in rows_of_pieces]
+        pieces = []
+        for rows in rows_of_pieces:
+            piece = cls.from_arrays(time[rows], q[rows], tau[rows], where)
+            pieces.append(replace(piece, cut=bool(first_rows)))
         longest = max(piece.seconds for piece in pieces)
         return [piece for piece in pieces if piece.seconds >= _MIN_PIECE_SHARE * longest]
 
     @classmethod
     def from_arrays(cls, time: Array, q: Array, tau: Array, where: str) -> SteadySamples:
-        """Resample at a steady rate: positions by a cubic spline, torques linearly between their time stamps."""
+        """Samples on a steady clock, resampled if needed: positions by a cubic spline, torques linearly."""
         if len(time) < MIN_SAMPLES:
             raise TrajectoryError(
                 f"{where}: {len(time)} rows are too few to identify a robot from. Give {MIN_SAMPLES} at least."
             )
         steps = np.diff(time)
-        mean = float((time[-1] - time[0]) / (len(time) - 1))
-        step = float(steps[steps <= GAP * mean].mean())  # step of the clock itself, without gaps
-        count = round((time[-1] - time[0]) / step) + 1
-        steady_time = time[0] + step * np.arange(count)
-        if len(time) == count and np.abs(time - steady_time).max() <= MAX_CLOCK_DEVIATION * step:
+        mean_step = float((time[-1] - time[0]) / (len(time) - 1))
+        step = float(steps[steps <= GAP * mean_step].mean())  # step of the clock itself, without gaps
+        sample_count = round((time[-1] - time[0]) / step) + 1
+        steady_time = time[0] + step * np.arange(sample_count)
+        if len(time) == sample_count and np.abs(time - steady_time).max() <= MAX_CLOCK_DEVIATION * step:
             return cls(float(time[0]), 1.0 / step, q, tau)
-        moved = float(np.mean(np.abs(steps - step) > 0.1 * step))
+        has_moved = np.abs(steps - step) > _MAX_STEP_DEVIATION * step
+        moved = float(np.mean(has_moved))
         resampled_q, resampled_tau = _resample(time, q, tau, steady_time)
         return cls(float(time[0]), 1.0 / step, resampled_q, resampled_tau, moved)
 
@@ -101,7 +116,7 @@ def lowest_rate(samples: Sequence[SteadySamples]) -> float:
 
 
 def interpolate(at: Array, time: Array, x: Array) -> Array:
-    """(k, n) values at times (k,) of columns x (m, n), straight between times (m,)."""
+    """(k, n) values at the times ``at`` (k,), by linear interpolation of columns x (m, n) at the times ``time`` (m,)."""
     return np.stack([np.interp(at, time, column) for column in x.T], axis=1)
 
 
@@ -115,28 +130,29 @@ def pause_lengths(time: Array) -> Array:
     first_steps = np.diff(time[:_ROWS_OF_USUAL_STEP])
     if len(first_steps):
         min_pause = max(PAUSE, GAP * float(np.median(first_steps)))
-    pauses = list[Array]()
+    lengths = list[Array]()
     for rows in slices(len(time)):  # portions, to limit memory
         steps = np.diff(time[rows.start : rows.stop + 1])  # with the step to the next portion
-        pauses.append(steps[steps > min_pause])
-    return np.concatenate(pauses)
+        lengths.append(steps[steps > min_pause])
+    return np.concatenate(lengths)
 
 
 def gap_notes(lengths: Array) -> tuple[str, ...]:
-    """Sentence on pauses of these lengths (k,) [s], at which logs are split; empty without pauses."""
+    """One sentence on pauses of these lengths (k,) [s], at which logs are split; none without pauses."""
     if not len(lengths):
         return ()
-    count = "1 gap" if len(lengths) == 1 else f"{len(lengths)} gaps"
-    return (doubt("gap", count=count, seconds=number(float(np.sum(lengths)), 3)).sentence,)
+    count_text = "1 gap" if len(lengths) == 1 else f"{len(lengths)} gaps"
+    seconds = number(float(np.sum(lengths)), 3)
+    return (doubt("gap", count=count_text, seconds=seconds).sentence,)
 
 
 def _resample(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Array]:
-    """Interpolate positions by a cubic spline and torques linearly, at times clamped to the range of the log."""
+    """Positions and torques at the times ``at``, clamped to the range of the log: by a cubic spline, and linearly."""
     from scipy.interpolate import CubicSpline
 
     elapsed = time - time[0]
-    at = np.clip(at - time[0], 0.0, elapsed[-1])
-    return CubicSpline(elapsed, q)(at), interpolate(at, elapsed, tau)
+    elapsed_at = np.clip(at - time[0], 0.0, elapsed[-1])
+    return CubicSpline(elapsed, q)(elapsed_at), interpolate(elapsed_at, elapsed, tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +168,10 @@ class Filtered:
 
 
 def states_below(samples: SteadySamples, cutoff: float, rate: float | None = None) -> Filtered:
-    """States below a cut-off [Hz], at 20 samples per period of the cut-off, or at about ``rate`` samples per second."""
-    state_rate = rate or STATE_RATE * cutoff
-    every = max(1, math.floor(samples.rate / state_rate))
-    rows = slice(None, None, every)
+    """States below a cut-off [Hz], at about ``rate`` samples per second, by default 20 per period of the cut-off."""
+    state_rate = STATE_RATE * cutoff if rate is None else rate
+    row_step = max(1, math.floor(samples.rate / state_rate))
+    rows = slice(None, None, row_step)
     step = 1.0 / samples.rate
     time = samples.start + step * np.arange(len(samples))
     states = np.empty((4, len(time[rows]), samples.q.shape[1]))  # q, dq, ddq and tau
@@ -165,49 +181,53 @@ def states_below(samples: SteadySamples, cutoff: float, rate: float | None = Non
         ddq = np.gradient(dq, step)
         tau = low_pass(samples.tau[:, j], cutoff, samples.rate)
         states[:, :, j] = q[rows], dq[rows], ddq[rows], tau[rows]
-    return Filtered(time[rows], samples.rate / every, *states)
+    return Filtered(time[rows], samples.rate / row_step, *states)
 
 
 def torques_below(samples: SteadySamples, cutoff: float) -> tuple[Array, Array]:
     """Times (m,) and torques (m, nv) of the states below a cut-off [Hz]."""
-    every = max(1, math.floor(samples.rate / (STATE_RATE * cutoff)))
-    rows = slice(None, None, every)
+    row_step = max(1, math.floor(samples.rate / (STATE_RATE * cutoff)))
+    rows = slice(None, None, row_step)
     time = samples.start + np.arange(len(samples)) / samples.rate
     torques = [low_pass(tau, cutoff, samples.rate)[rows] for tau in samples.tau.T]
     return time[rows], np.stack(torques, axis=1)
 
 
 def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False) -> slice:
-    """States that become rows: 2.5 per period of the cut-off, at most ``most``, without the settling time of the filters."""
+    """States that become rows: 2.5 per period of the cut-off, at most ``most`` rows, without the settling of the filters."""
     count = len(states.time)
-    every = max(1, math.floor(states.rate / (ROW_RATE * cutoff)), math.ceil(count / most))
+    row_step = max(1, math.floor(states.rate / (ROW_RATE * cutoff)), math.ceil(count / most))
     border = border_of(states.rate, cutoff, count, cut=cut)
-    return slice(border, max(border, count - border), every)
+    return slice(border, max(border, count - border), row_step)
 
 
 def states_with_rows(
     samples: Sequence[SteadySamples], cutoff: float, most: float, *, whole: bool = False
 ) -> Iterator[tuple[SteadySamples, Filtered, slice]]:
-    """Each log with its states below a cut-off (at all samples if ``whole``), and its rows.
+    """Each log with its states below a cut-off, and the states that are its rows.
 
-    All logs together have at most ``most`` rows, shared by duration.
+    All logs together have at most ``most`` rows, in proportion to their durations. With ``whole``, all samples are states.
     """
     total = total_seconds(samples)
     for log in samples:
-        states = states_below(log, cutoff, log.rate if whole else None)
+        state_rate = log.rate if whole else None
+        states = states_below(log, cutoff, state_rate)
         most_of_log = max(1.0, most * log.seconds / total)
         yield log, states, kept_rows(states, cutoff, most_of_log, cut=log.cut)
 
 
 def border_of(rate: float, cutoff: float, count: int, *, cut: bool) -> int:
-    """Number of states at either end to leave out, of ``count``; more if the piece is ``cut`` from a log with pauses."""
-    border = math.ceil(rate / cutoff)  # one period of the cut-off
-    return _CUT_BORDER * border if cut else min(border, count // 10)
+    """Number of states to leave out at either end of ``count`` states; more for a piece that is ``cut`` at pauses."""
+    period = math.ceil(rate / cutoff)  # states in a period of the cut-off
+    if cut:
+        return _CUT_BORDER * period
+    return min(period, count // 10)  # at most a tenth of the states
 
 
 def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
-    """Candidate cut-offs [Hz] with at least ``rows`` rows, at most 1/3 decade apart, up to a tenth of the rate."""
-    shortest_log, longest_piece = math.inf, 0.0
+    """Candidate cut-offs [Hz] with at least ``rows`` rows, up to a tenth of the sampling rate, which is the default."""
+    shortest_log = math.inf  # [s]
+    longest_piece = 0.0  # [s]
     for log in samples:
         if log.cut:
             longest_piece = max(longest_piece, log.seconds)
@@ -216,12 +236,13 @@ def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
     duration = shortest_log
     if longest_piece:
         duration = min(shortest_log, 0.5 * longest_piece)  # shorter pieces then have no rows
-    min_periods = 4.0  # of a cut-off in the duration
-    lowest = max(min_periods / duration, rows / (ROW_RATE * total_seconds(samples)))
-    highest = 0.1 * lowest_rate(samples)
-    round_frequencies = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
+    lowest = max(_MIN_PERIODS / duration, rows / (ROW_RATE * total_seconds(samples)))
+    highest = _MAX_CUTOFF_SHARE * lowest_rate(samples)
+    round_frequencies = [digit * 10.0**power for power in range(-1, 3) for digit in _CUTOFF_DIGITS]
     candidates = tuple(frequency for frequency in round_frequencies if lowest <= frequency <= highest)
-    return candidates or (highest,)
+    if not candidates:
+        return (highest,)
+    return candidates
 
 
 # An equation stays valid if both sides are filtered alike, for any columns (Gautier's parallel decimation, "Dynamic
@@ -238,11 +259,15 @@ class _LogRows:
     """States of one log, including states between rows, which other friction speeds or clock offsets need."""
 
     time: Array
+    """(m,) times of the states [s]."""
     rate: float
+    """States per second [Hz]."""
     rows: slice
+    """States that are rows."""
     position: Array
     """Positions of the rows."""
     dq: Array
+    """(m, nv) velocities of the states."""
     acceleration: Array
     """Accelerations of the rows."""
     _tau: Array
@@ -266,14 +291,21 @@ class FilteredRows:
     """Rows of several logs at one cut-off."""
 
     base: BaseParameters
-    cutoff: float  # [Hz]
-    W: Array  # (m, nv, r)
-    time: Array  # (m,), time of each row in its own log [s]
-    log: Array  # (m,), index of the log of each row
-    known: Array  # (m, nv), torques of springs
+    cutoff: float
+    """Cut-off [Hz]."""
+    W: Array
+    """(m, nv, r) columns of the equations τ = W x."""
+    time: Array
+    """(m,), time of each row in its own log [s]."""
+    log: Array
+    """(m,), index of the log of each row."""
+    known: Array
+    """(m, nv), known torques: those of springs."""
     logs: list[_LogRows]
-    dead: Array | None = None  # (nv,) bool, joints without a torque, whose entries are set to 0
-    _coulomb: dict[tuple[int, float], Array] = field(default_factory=dict)  # by column and friction speed
+    dead: Array | None = None
+    """(nv,) mask of dead joints, which have no torque; their entries are set to 0. None without any."""
+    _coulomb: dict[tuple[int, float], Array] = field(default_factory=dict)
+    """Columns of Coulomb friction by number of the column and friction speed."""
 
     @classmethod
     def from_samples(
@@ -284,19 +316,24 @@ class FilteredRows:
         friction_speed: Array,
         most: float = MOST_ROWS,
     ) -> FilteredRows:
-        """Rows of logs below a cut-off."""
-        W_of_logs, springs_of_logs, times, log_indices = list[Array](), list[Array](), list[Array](), list[Array]()
-        logs = list[_LogRows]()
+        """Rows of logs below a cut-off [Hz], at most ``most`` of all logs together."""
+        W_of_logs: list[Array] = []
+        springs_of_logs: list[Array] = []
+        times: list[Array] = []
+        log_indices: list[Array] = []
+        logs: list[_LogRows] = []
         for k, (_, s, rows) in enumerate(states_with_rows(samples, cutoff, most)):
             columns, springs = _columns(base, s, rows, cutoff, friction_speed)
             W_of_logs.append(columns)
             springs_of_logs.append(springs)
             times.append(s.time[rows])
             log_indices.append(np.full(len(columns), k))
-            tau = low_pass(s.tau, cutoff, s.rate)  # the second low-pass, as that of the columns
+            tau = low_pass(s.tau, cutoff, s.rate)  # a second time, like the columns
             logs.append(_LogRows(s.time, s.rate, rows, s.q[rows].copy(), s.dq.copy(), s.ddq[rows].copy(), tau))
         W = _concatenate_and_empty(W_of_logs)
-        time, log, known = np.concatenate(times), np.concatenate(log_indices), np.concatenate(springs_of_logs)
+        time = np.concatenate(times)
+        log = np.concatenate(log_indices)
+        known = np.concatenate(springs_of_logs)
         return cls(base, cutoff, W, time, log, known, logs)
 
     def torques(self, shift: float) -> Array:
@@ -308,22 +345,23 @@ class FilteredRows:
         return tau
 
     def coulomb(self, column: int, joints: Array, friction_speed: Array) -> Array:
-        """(m, nv) column of Coulomb friction for other friction speeds."""
+        """(m, nv) column of Coulomb friction for other friction speeds; ``joints`` (nv,) is True for joints that it affects."""
         key = (column, float(friction_speed[speed_owner(joints)]))
         if key not in self._coulomb:
             self._coulomb[key] = self._coulomb_column(column, joints, friction_speed)
         return self._coulomb[key]
 
     def _coulomb_column(self, column: int, joints: Array, friction_speed: Array) -> Array:
-        """(m, nv) low-passed column of dry friction; ``joints`` (nv,) is True for joints that it affects."""
-        k, unknown = int(self.base.kept[column]), self.base.unknown
+        """(m, nv) low-passed column for :meth:`coulomb`."""
+        k = int(self.base.kept[column])  # index of the parameter
+        unknown = self.base.unknown
         columns_of_logs = list[Array]()
         for log in self.logs:
             any_acceleration = log.dq  # friction does not depend on it
             friction = unknown.drives([k], log.dq, any_acceleration, friction_speed)
+            filtered_friction = low_pass(friction, self.cutoff, log.rate)
             column_of_log = np.zeros((len(log.acceleration), len(joints)))
-            friction_at_rows = low_pass(friction, self.cutoff, log.rate)[log.rows]
-            column_of_log[:, joints] = friction_at_rows * unknown.shares[k, joints]
+            column_of_log[:, joints] = filtered_friction[log.rows] * unknown.shares[k, joints]
             columns_of_logs.append(column_of_log)
         coulomb = np.concatenate(columns_of_logs)
         if self.dead is not None:
@@ -350,7 +388,8 @@ def _concatenate_and_empty(parts: list[Array]) -> Array:
     """Concatenate arrays and empty the list, releasing each part at once to limit memory."""
     if len(parts) == 1:
         return parts.pop()
-    result = np.empty((sum(map(len, parts)), *parts[0].shape[1:]))
+    row_count = sum(map(len, parts))
+    result = np.empty((row_count, *parts[0].shape[1:]))
     begin = 0
     while parts:
         part = parts.pop(0)
@@ -390,12 +429,12 @@ def filtered_portions(
         if not batch.size:
             continue
         span = slice(max(0, begin - margin), min(len(s.time), begin + _PORTION + margin))
-        states = s.q[span], s.dq[span], s.ddq[span]
-        places = wanted[batch] - span.start
-        entries = low_pass_at(columns.rows(*states, friction_speed), cutoff, s.rate, places)
+        q, dq, ddq = s.q[span], s.dq[span], s.ddq[span]
+        indices_in_span = wanted[batch] - span.start
+        entries = low_pass_at(columns.rows(q, dq, ddq, friction_speed), cutoff, s.rate, indices_in_span)
         springs: Array | float = 0.0
         if base.unknown.model.springs:
-            springs = low_pass_at(spring_torques(base, *states), cutoff, s.rate, places)
+            springs = low_pass_at(spring_torques(base, q, dq, ddq), cutoff, s.rate, indices_in_span)
         yield batch, entries, springs
 
 
@@ -409,13 +448,13 @@ def _columns(
     spring_torques_of_rows = np.zeros(W.shape[:2])
     for batch, entries, springs in filtered_portions(columns, s, wanted, cutoff, friction_speed):
         spring_torques_of_rows[batch] = springs
-        for j, (groups, place) in enumerate(zip(columns.groups, columns.slices, strict=True)):
-            W[np.ix_(batch, np.array([j]), groups)] = entries[:, None, place]
+        for j, (groups, entries_of_joint) in enumerate(zip(columns.groups, columns.slices, strict=True)):
+            W[np.ix_(batch, np.array([j]), groups)] = entries[:, None, entries_of_joint]
     return W, spring_torques_of_rows
 
 
 def spring_torques(base: BaseParameters, q: Array, dq: Array, ddq: Array) -> Array:
-    """(n, nv) torques of springs at given states: all torques less those of the bodies."""
+    """(n, nv) torques of springs at given states: all torques minus the torques of the bodies."""
     robot = base.unknown.robot
     if not base.unknown.model.springs:
         return np.zeros(dq.shape)
@@ -442,14 +481,18 @@ class JudgedStates:
     def from_samples(
         cls, base: BaseParameters, samples: Sequence[SteadySamples], cutoff: float, friction_speed: Array
     ) -> JudgedStates:
-        """States at the same times for every cut-off."""
+        """States at times that are equal for all cut-offs."""
         rate = _JUDGED_ROWS / total_seconds(samples)
         states = [states_below(log, cutoff, rate) for log in samples]
-        columns, springs, log_indices, times = list[Array](), list[Array](), list[Array](), list[Array]()
+        columns: list[Array] = []
+        springs: list[Array] = []
+        log_indices: list[Array] = []
+        times: list[Array] = []
         for k, s in enumerate(states):
             times.append(s.time)
             columns.append(base.unknown.columns(base.kept, s.q, s.dq, s.ddq, friction_speed))
             springs.append(spring_torques(base, s.q, s.dq, s.ddq))
             log_indices.append(np.full(len(s.time), k))
-        W, known = np.concatenate(columns), np.concatenate(springs)
+        W = np.concatenate(columns)
+        known = np.concatenate(springs)
         return cls(W, known, np.concatenate(log_indices), np.concatenate(times), states)

@@ -35,7 +35,9 @@ class MimicJoint(NamedTuple):
     """Index of the leader's coordinate in q."""
     ratio: float
     offset: float
+    """Coordinate with the leader at zero [rad or m]."""
     angular: bool
+    """True if the coordinate is an angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,7 @@ class Coordinates:
     mimic_joints: tuple[MimicJoint, ...]
     """Mimic joints, except those with a continuous leader, whose angle a log may wrap."""
     drive_names: tuple[str, ...] = ()
-    """Names of drive torques, with coupled motors in place of their joints; empty if none are coupled."""
+    """Names of drive torques, with coupled motors in place of their joints; empty without coupled motors."""
     drive_turns: tuple[bool, ...] = ()
     """True for drive torques in N m, False for forces in N."""
     coupled: tuple[tuple[Array, Array, Array], ...] = ()
@@ -153,9 +155,9 @@ _MIN_JOINTS_OF_ARM = 4
 
 
 def serial_arms(model: Model) -> tuple[tuple[int, ...], ...]:
-    """Indices in q of each run of at least four turning joints without a branch between them.
+    """Arms of a robot, each as indices in q: runs of at least four turning joints without a branch between them.
 
-    Rails, fingers and mimic joints are beside the arms.
+    Rails, fingers and mimic joints do not belong to arms.
 
     >>> import twistwrench as tw
     >>> serial_arms(tw.robots.panda().model)
@@ -165,7 +167,8 @@ def serial_arms(model: Model) -> tuple[tuple[int, ...], ...]:
     runs: list[list[int]] = []
     run_of_body: dict[int, list[int]] = {}
     for i, body in enumerate(model.bodies):  # parents come before their children
-        if body.follows or body.joint.nv != 1 or not body.joint.turning[0]:
+        is_hinge = body.joint.nv == 1 and body.joint.turning[0]
+        if body.follows or not is_hinge:
             continue
         if body.parent in run_of_body and child_counts[body.parent] == 1:
             run = run_of_body[body.parent]
@@ -180,12 +183,13 @@ def serial_arms(model: Model) -> tuple[tuple[int, ...], ...]:
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:
     """Joint velocities and accelerations (n, nv) from the first and second derivatives of q (n, nq).
 
-    Those of planar and floating joints are in the child's frame.
+    Velocities and accelerations of planar and floating joints are in the child's frame.
     """
     no_columns = np.zeros((len(q), 0))  # for robots without joints
-    velocities, accelerations = [no_columns], [no_columns]
+    velocities = [no_columns]
+    accelerations = [no_columns]
     for body in model.leaders:
-        columns = body.places[0]
+        columns, _ = body.places
         v, a = body.joint.velocities(q[:, columns], dq_dt[:, columns], d2q_dt2[:, columns])
         velocities.append(v)
         accelerations.append(a)
@@ -204,7 +208,7 @@ _TURN_TOLERANCE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Continuity:
-    """Columns of q with spurious jumps; determined once per log, so that all windows agree."""
+    """Columns of q with spurious jumps, determined once for a log, so that all excerpts are continued alike."""
 
     wrapped: Array
     """(nq,) True for endless angles that stay within one turn, ±π or 0 to 2π.
@@ -214,29 +218,29 @@ class Continuity:
     quaternions: tuple[slice, ...]
     """Slices of quaternions; p and -p are the same rotation, but a sign change breaks the curve."""
     left_out: Array
-    """(nq,) True for angles of bounded joints within one turn.
+    """(nq,) True for angles of bounded joints within one turn, where the log may leave out turns.
 
-    Only a step of nearly a full turn counts as an omitted turn there.
+    Only a step of nearly a full turn counts as an omitted turn.
     """
 
     @classmethod
     def from_parts(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
-        """Find the jumps from excerpts of q (n, nq); ``turn``, () or (nq,), is a full turn in the excerpts' units."""
+        """Columns with jumps, from excerpts of q (n, nq); ``turn``, () or (nq,), is a full turn in the excerpts' units."""
         rows = np.concatenate(parts)
-        least = rows.min(axis=0, initial=math.inf)
+        smallest = rows.min(axis=0, initial=math.inf)
         largest = rows.max(axis=0, initial=-math.inf)
         half_turn = 0.5 * np.asarray(turn)
         tolerance = _TURN_TOLERANCE * 0.5 * np.asarray(turn)
-        is_about_zero = (least >= -half_turn - tolerance) & (largest <= half_turn + tolerance)
-        is_above_zero = (least >= -tolerance) & (largest <= turn + tolerance)
+        is_about_zero = (smallest >= -half_turn - tolerance) & (largest <= half_turn + tolerance)
+        is_above_zero = (smallest >= -tolerance) & (largest <= turn + tolerance)
         is_within_turn = is_about_zero | is_above_zero
         is_bounded = coordinates.angular & ~coordinates.endless
         return cls(coordinates.endless & is_within_turn, coordinates.quaternions, is_bounded & is_within_turn)
 
     def curves(self, q: Array, turn: float | Array = math.tau) -> Array:
-        """Consecutive rows of q (n, nq) without the jumps; each column keeps its first value."""
+        """Consecutive rows of q (n, nq) without the jumps; each column keeps its first value. ``turn``: a full turn."""
         continuous = q.copy()
-        turns = np.broadcast_to(np.asarray(turn, float), q.shape[1:])
+        turns = np.broadcast_to(np.asarray(turn, float), q.shape[1:])  # full turn of each column
         for k in np.flatnonzero(self.wrapped):
             continuous[:, k] = np.unwrap(q[:, k], period=turns[k])
         for k in np.flatnonzero(self.left_out):
@@ -245,7 +249,8 @@ class Continuity:
         for entries in self.quaternions:
             p = q[:, entries]
             keeps_sign = np.sum(p[1:] * p[:-1], axis=1) >= 0
-            signs = np.cumprod(np.r_[1.0, np.where(keeps_sign, 1.0, -1.0)])
+            sign_changes = np.where(keeps_sign, 1.0, -1.0)
+            signs = np.cumprod(np.r_[1.0, sign_changes])
             continuous[:, entries] = p * signs[:, None]
         return continuous
 
@@ -253,7 +258,9 @@ class Continuity:
 ConfigurationGiven: TypeAlias = ArrayLike | str | Mapping[str, ArrayLike] | Sequence[str] | None
 """Coordinates, positions by joint, the name of a configuration, or texts as typed in a shell."""
 _MIN_DEGREES = 3 * math.tau
-"""Magnitude [rad] above which a coordinate is taken for degrees: three turns are rare, 19 degrees are not."""
+"""Magnitude [rad] from which a coordinate is taken for degrees: three turns are rare, 19 degrees are not."""
+_MAX_LISTED_NAMES = 8
+"""Largest number of names that a message lists."""
 
 _AT_ARGUMENT = Argument("at")
 
@@ -266,7 +273,7 @@ def configuration_of(
     what: Argument = _AT_ARGUMENT,
     start: Array | None = None,
 ) -> Array:
-    """Configuration (nq,) that a user gives; joints that are not named keep their value of ``start``, by default neutral.
+    """Configuration (nq,) that a user gives; other joints keep their value in ``start``, the default of which is neutral.
 
     Parameters
     ----------
@@ -291,11 +298,12 @@ def configuration_of(
     if given is None:
         return q
     name = spell(replace(what, value=None))
-    si_factors = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
+    is_angular = Coordinates.from_model(robot.model).angular
+    si_factors = np.where(is_angular & degrees, math.radians(1.0), 1.0)
     if isinstance(given, Mapping):
         for joint, position in given.items():
             body = _body_of_joint(robot, joint)
-            entries = body.places[0]
+            entries, _ = body.places
             q[entries] = arguments.finite(np.atleast_1d(position), f"{name} {joint}", body.joint.nq)
             q[entries] *= si_factors[entries]
         return q
@@ -313,7 +321,7 @@ def configuration_of(
     if configurations:
         q = _all_coordinates(robot, configurations[0], name, si_factors)
     for body, numbers in _numbers_by_joint(robot, positions, name, velocities=False):
-        entries = body.places[0]
+        entries, _ = body.places
         q[entries] = np.array(numbers) * si_factors[entries]
     return q
 
@@ -325,28 +333,30 @@ def configuration(robot: Robot, q: ArrayLike, name: str) -> Array:
 
 
 def _all_coordinates(robot: Robot, text: str, option: str, si_factors: Array) -> Array:
-    """Configuration (nq,) of its name or of numbers, which are multiplied by their factors to SI units."""
+    """Configuration (nq,) from its name, or from numbers, which ``si_factors`` (nq,) convert to SI units."""
     configurations = robot.configurations
     if text in configurations:
         return np.array(configurations[text])
+    # The rest is for the error message, and for numbers.
     form = f"{robot.nq} numbers, {_first_names(robot.coordinate_names, ',')}; or JOINT=VALUE, as {_example(robot)}"
-    if not configurations:
-        form += "; the file names no configuration"
-    else:
+    if configurations:
         form += f"; or a configuration of the file: {_first_names(list(configurations), ', ')}"
-    return np.array(arguments.parse_numbers(text, option, form, robot.nq)) * si_factors
+    else:
+        form += "; the file names no configuration"
+    numbers = arguments.parse_numbers(text, option, form, robot.nq)
+    return np.array(numbers) * si_factors
 
 
 def _first_names(names: Sequence[str], separator: str) -> str:
-    """At most eight names, with an ellipsis for others."""
-    listed_names = list(names[:8])
-    if len(names) > 8:
+    """Text of the first names, with an ellipsis for others."""
+    listed_names = list(names[:_MAX_LISTED_NAMES])
+    if len(names) > _MAX_LISTED_NAMES:
         listed_names.append("…")
     return separator.join(listed_names)
 
 
 def _example(robot: Robot) -> str:
-    """Example of JOINT=VALUE with a joint of one coordinate, as a free joint needs seven numbers."""
+    """Example of JOINT=VALUE for messages, with a joint of one coordinate, since other joints need several numbers."""
     for body in robot.model.leaders:
         if body.joint.nq == 1:
             return f"{body.joint.name}=0.5"
@@ -362,7 +372,8 @@ def degrees_hint(robot: Robot, q: Array) -> str:
     >>> degrees_hint(tw.robots.planar_2r(), np.array([-6.5, 0.0]))
     ''
     """
-    angle_sizes = np.where(Coordinates.from_model(robot.model).angular, np.abs(q), 0.0)
+    is_angular = Coordinates.from_model(robot.model).angular
+    angle_sizes = np.where(is_angular, np.abs(q), 0.0)
     if angle_sizes.max(initial=0.0) < _MIN_DEGREES:
         return ""
     k = int(np.argmax(angle_sizes))
@@ -378,7 +389,7 @@ def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: boo
     """
     rates = np.zeros(robot.nv)
     for body, numbers in _numbers_by_joint(robot, texts, option, velocities=True):
-        entries = body.places[1]
+        _, entries = body.places
         is_angular = np.any(body.joint.axes[:, :3] != 0, axis=1)
         rates[entries] = np.where(is_angular & degrees, np.radians(numbers), numbers)
     return rates
@@ -387,7 +398,7 @@ def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: boo
 def _numbers_by_joint(
     robot: Robot, texts: Iterable[str], option: str, *, velocities: bool
 ) -> list[tuple[Body, list[float]]]:
-    """Bodies with the numbers of texts ``JOINT=VALUE``: as many as the joint has velocities, or coordinates."""
+    """Bodies with the numbers of texts ``JOINT=VALUE``, one for each coordinate; or for each velocity, if ``velocities``."""
     bodies_with_numbers = []
     assignments = arguments.assignments(texts, option, f"JOINT=VALUE, for example {_example(robot)}")
     for joint, value in assignments.items():
@@ -400,7 +411,7 @@ def _numbers_by_joint(
 
 
 def _body_of_joint(robot: Robot, name: str) -> Body:
-    """Body with the joint of this name; raises UnknownNameError."""
+    """Body with the joint of this name, which must not be a mimic joint; raises UnknownNameError."""
     bodies = {body.joint.name: body for body in robot.model.leaders}
     if name not in bodies:
         raise UnknownNameError.from_choices("joint", name, bodies)

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 _TOLERANCE = 1e-6
 """Relative tolerance of equal numbers that were printed."""
 _MIN_PLACEHOLDERS = 3
-"""Number of joints from which a round limit that they share is a placeholder."""
+"""Number of joints with one round limit from which this limit is a placeholder."""
 _ROUND_MANTISSAS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 9.0)
+"""First digits of round limits; 7 is not among them."""
 
 
 def shared_round(limits: Array) -> bool:
@@ -34,13 +35,13 @@ def shared_round(limits: Array) -> bool:
     >>> shared_round(np.full(6, 10.0)), shared_round(np.full(6, 3.14)), shared_round(np.array([10.0, 20.0, 20.0]))
     (True, False, False)
     """
-    known = limits[np.isfinite(limits) & (limits > 0.0)]
-    are_equal = len(known) > 0 and np.ptp(known) == 0.0
-    if len(known) < _MIN_PLACEHOLDERS or not are_equal:
+    known_limits = limits[np.isfinite(limits) & (limits > 0.0)]
+    if len(known_limits) < _MIN_PLACEHOLDERS or np.ptp(known_limits) > 0.0:
         return False
+    limit = float(known_limits[0])
     # With the tolerance, 9.99999999 counts as 10 and not as a number below it.
-    power_of_ten = 10.0 ** np.floor(np.log10(known[0] * (1.0 + _TOLERANCE)))
-    mantissa = float(known[0]) / power_of_ten
+    power_of_ten = 10.0 ** np.floor(np.log10(limit * (1.0 + _TOLERANCE)))
+    mantissa = limit / power_of_ten
     return any(abs(mantissa / round_mantissa - 1.0) < _TOLERANCE for round_mantissa in _ROUND_MANTISSAS)
 
 
@@ -55,7 +56,7 @@ def credible_velocities(limits: Limits) -> Array:
 _POSE_COUNT = 2000
 """Number of random poses in which the robot's weight is evaluated."""
 BY_WEIGHT = 3.0
-"""Gravity torque over torque limit from which the limit is a placeholder."""
+"""Ratio of gravity torque to torque limit above which the limit is a placeholder."""
 
 
 def weight_torques(robot: Robot) -> Array:
@@ -66,10 +67,10 @@ def weight_torques(robot: Robot) -> Array:
 
 
 def credible_efforts(robot: Robot) -> Array:
-    """Torque limits (nv,) of the robot's file; inf where missing or not above zero, and everywhere if they are placeholders.
+    """Torque limits (nv,) of the robot's file; inf if missing or not above zero, and all inf if they are placeholders.
 
-    If the robot's weight alone exceeds one limit by far, all are placeholders: their unit is another, or they are not
-    those of motors.
+    All are placeholders if the robot's weight alone exceeds one of them by far: they have another unit, or are not limits of
+    motors.
     """
     effort = np.where(robot.limits.effort > 0.0, robot.limits.effort, np.inf)
     if shared_round(robot.limits.effort) or (weight_torques(robot) > BY_WEIGHT * effort).any():
@@ -78,31 +79,36 @@ def credible_efforts(robot: Robot) -> Array:
 
 
 _UNIT_RATIOS = (STRENGTH, 10.0, math.degrees(1.0), 10 * STRENGTH, 100.0, 100 * STRENGTH, 1000.0)
-"""Ratios of units of torque, and of angles, that are mistaken for each other; other ratios from ten on are gears."""
+"""Ratios of units, of torque or of angles, that are mistaken for each other; other ratios from ten on are gears."""
 _MIN_UNIT_FACTOR = 9.5
-"""Common factor of the efforts of a table and of a file from which a unit is doubted."""
+"""Ratio of a table's efforts to a file's from which a unit is doubted."""
 _MAX_FACTOR_SPREAD = 1.1
-"""Largest over smallest factor of the joints, up to which it is a common one; also the tolerance of a unit's ratio."""
+"""Ratio of the largest factor of all joints to the smallest, up to which the joints have a common factor.
+
+It is also the tolerance of a unit's ratio.
+"""
 _MIN_DEGREES = 4 * math.pi
-"""Position from which a number may be in degrees."""
+"""Position [rad] above which a number may be in degrees."""
 _MAX_DEGREES = 400.0
-"""Position in degrees of the joint with the largest range."""
+"""Upper end of positions in degrees: joints with the largest ranges reach it."""
 _MIN_JOINTS = 2
 """Number of joints from which their common factor, or their positions, show a unit."""
 _MIN_DEGREES_PER_SECOND = 20.0
-"""Speed from which a number of a table may be in degrees a second."""
+"""Speed [rad/s] above which a number of a table may be in degrees a second."""
 _MIN_RATIO_TO_FILE = 3.0
-"""Ratio to the file's number from which a number of a table may be in degrees."""
+"""Ratio to the file's number above which a number of a table may be in degrees."""
 _NO_LIMIT = 1e4
-"""Number from which a position or speed stands for no limit."""
+"""Position [rad] or speed [rad/s] from which a number stands for no limit."""
+_QUARTER_TURN = 90.0
+"""Quarter of a turn in degrees."""
 
 
 def credible_limits(limits: Limits, robot: Robot, *, weight: bool = True) -> list[Doubt]:
-    """Doubts about limits that a robot cannot have, by file or table alike.
+    """Doubts about limits that a robot cannot have, whether they are from a file or a table.
 
-    Positions and speeds that look like degrees contradict a robot. Efforts are doubted if all differ from those of the
-    robot's file by one factor of ten or more, or, if ``weight``, if the robot's weight alone needs three times as much.
-    Limits given with their unit (:meth:`Limits.has_unit`) are not doubted.
+    Positions and speeds that look like degrees are doubted. Efforts are doubted if all differ from those of the robot's file
+    by one factor of ten or more. With ``weight``, efforts are also doubted if the robot's weight alone needs three times as
+    much. Limits given with their unit (:meth:`Limits.has_unit`) are not doubted.
     """
     doubts = [*_degree_doubts(limits, robot), *_effort_unit_doubts(limits, robot)]
     if weight:
@@ -119,22 +125,25 @@ def _degree_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
     file_limits = robot.limits
     has_position = coordinates.position_of >= 0
     q_entries = np.maximum(coordinates.position_of, 0)  # entry 0 for joints without one, which are left out below
-    turns = coordinates.angular_velocity & has_position
+    is_hinge = coordinates.angular_velocity & has_position
     largest = _largest_positions(limits)
-    has_stops = turns & ~coordinates.endless[q_entries] & np.isfinite(largest)
+    has_stops = is_hinge & ~coordinates.endless[q_entries] & np.isfinite(largest)
     has_stops &= ~limits.has_unit("lower") & ~limits.has_unit("upper")
-    has_speed = turns & np.isfinite(limits.velocity) & ~limits.has_unit("velocity")
+    has_speed = is_hinge & np.isfinite(limits.velocity) & ~limits.has_unit("velocity")
     in_degrees = has_stops & (largest > _MIN_DEGREES) & (largest < _MAX_DEGREES)
     is_majority = in_degrees.sum() >= _MIN_JOINTS and 2 * in_degrees.sum() > has_stops.sum()
-    is_too_fast = (has_speed & (limits.velocity > FASTEST_TURN))[in_degrees].any()
-    if not is_majority or not (is_too_fast or _are_protractor_angles(largest[in_degrees])):
+    is_too_fast = has_speed & (limits.velocity > FASTEST_TURN)
+    look_like_degrees = is_too_fast[in_degrees].any() or _are_protractor_angles(largest[in_degrees])
+    if not is_majority or not look_like_degrees:
         in_degrees = _entries_beyond_file(largest, _largest_positions(file_limits), has_stops, _MIN_DEGREES)
     doubts = []
     if in_degrees.any():
-        doubts.append(_degree_doubt("position", int(in_degrees.argmax()), largest, coordinates))
+        first = int(in_degrees.argmax())
+        doubts.append(_degree_doubt("position", first, largest, coordinates))
     in_degrees = _entries_beyond_file(limits.velocity, file_limits.velocity, has_speed, _MIN_DEGREES_PER_SECOND)
     if in_degrees.any():
-        doubts.append(_degree_doubt("velocity", int(in_degrees.argmax()), limits.velocity, coordinates))
+        first = int(in_degrees.argmax())
+        doubts.append(_degree_doubt("velocity", first, limits.velocity, coordinates))
     return doubts
 
 
@@ -144,9 +153,10 @@ def _largest_positions(limits: Limits) -> Array:
 
 
 def _entries_beyond_file(table_values: Array, file_values: Array, compared: Array, min_value: float) -> Array:
-    """Mask of entries of a table above ``min_value`` and a multiple of the file's number.
+    """Mask of a table's entries that are above ``min_value`` and above a multiple of the file's number.
 
-    Entries in ``compared`` count if they differ from the file. The mask is empty unless most of these are beyond.
+    ``compared`` is a mask of the entries to compare; those that differ from the file count. No entry is in the result unless
+    most of them are.
     """
     is_changed = compared & (table_values != file_values) & np.isfinite(file_values)
     known_file_values = np.where(np.isfinite(file_values), file_values, 0.0)
@@ -168,34 +178,33 @@ def _degree_doubt(what: str, k: int, values: Array, coordinates: Coordinates) ->
 
 
 def _are_protractor_angles(values: Array) -> bool:
-    """True for whole numbers up to 90 or more, as ranges in degrees are; if all are equal, only for quarter turns."""
-    are_whole = bool((values == np.round(values)).all())
-    if not are_whole or values.max(initial=0.0) < _QUARTER_TURN:
+    """True for whole numbers with a largest one of 90 or more, as in degrees; equal numbers must be quarter turns."""
+    is_whole = values == np.round(values)
+    if not is_whole.all() or values.max(initial=0.0) < _QUARTER_TURN:
         return False
-    return bool(np.ptp(values) > 0.0 or values[0] % _QUARTER_TURN == 0.0)
-
-
-_QUARTER_TURN = 90.0
-"""Quarter of a turn in degrees."""
+    are_different = np.ptp(values) > 0.0
+    return bool(are_different or values[0] % _QUARTER_TURN == 0.0)
 
 
 def _effort_unit_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
     """Doubt about efforts that all differ from those of the robot's file by one factor."""
     file_effort = robot.limits.effort
-    has_both = np.isfinite(file_effort) & np.isfinite(limits.effort) & (file_effort > 0.0) & (limits.effort > 0.0)
-    is_compared = has_both & (limits.effort != file_effort) & ~limits.has_unit("effort")
+    is_known_in_file = np.isfinite(file_effort) & (file_effort > 0.0)
+    is_known = np.isfinite(limits.effort) & (limits.effort > 0.0)
+    is_compared = is_known & is_known_in_file & (limits.effort != file_effort) & ~limits.has_unit("effort")
     if is_compared.sum() < _MIN_JOINTS or shared_round(file_effort):
         return []
     ratios = limits.effort[is_compared] / file_effort[is_compared]
     factor = float(np.median(ratios))
     factor_above_one = max(factor, 1.0 / factor)
-    if factor_above_one < _MIN_UNIT_FACTOR or ratios.max() > _MAX_FACTOR_SPREAD * ratios.min():
+    has_common_factor = ratios.max() <= _MAX_FACTOR_SPREAD * ratios.min()
+    if factor_above_one < _MIN_UNIT_FACTOR or not has_common_factor:
         return []
     nearest_ratio = min(_UNIT_RATIOS, key=lambda ratio: abs(math.log(factor_above_one / ratio)))
-    why = "as torques before a gear are"
+    explanation = "as torques before a gear are"
     if abs(factor_above_one / nearest_ratio - 1.0) < _MAX_FACTOR_SPREAD - 1.0:
-        why = "as another unit of torque is"
-    return [doubt("effort-unit", factor=number(factor, 3), why=why)]
+        explanation = "as another unit of torque is"
+    return [doubt("effort-unit", factor=number(factor, 3), why=explanation)]
 
 
 def _weight_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
@@ -204,7 +213,8 @@ def _weight_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
     is_known = np.isfinite(effort) & (effort > 0.0) & ~limits.has_unit("effort")
     if not is_known.any() or not np.any(robot.model.gravity):
         return []
-    share = np.where(is_known, weight_torques(robot) / np.where(is_known, effort, 1.0), 0.0)
+    known_effort = np.where(is_known, effort, 1.0)
+    share = np.where(is_known, weight_torques(robot) / known_effort, 0.0)
     k = int(share.argmax())
     if not share[k] > BY_WEIGHT:
         return []
@@ -213,15 +223,15 @@ def _weight_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
 
 
 _MIN_WEIGHT_SHARE = 0.15
-"""Gravity torque over effort below which efforts are doubted; real arms have 0.25 to 0.83."""
+"""Ratio of gravity torque to effort below which efforts are doubted; real arms have 0.25 to 0.83."""
 _MAX_ROUNDING_SHARE = 1e-6
-"""Gravity torque over effort of turning joints with vertical axes, which is rounding."""
+"""Ratio of gravity torque to effort that is a rounding error, as of turning joints with vertical axes."""
 _PLACEHOLDER_EFFORT = 1000.0
 """Effort [N m or N] from which it may be a placeholder."""
 _MAX_LIGHT_MASS = 50.0
-"""Moving mass [kg] of a robot below which such an effort is a placeholder."""
+"""Moving mass [kg] of a robot below which such efforts are placeholders."""
 _PLACEHOLDER_WEIGHTS = 10.0
-"""Force of a sliding joint, in weights of the moving links, from which it may be a placeholder: drives of rails have less."""
+"""Force of a sliding joint, in weights of the moving links, from which it may be a placeholder; drives of rails have less."""
 _MIN_ARM_JOINTS = 3
 """Minimum number of joints of an arm before it branches."""
 _MAX_FINGER_JOINTS = 4
@@ -233,7 +243,7 @@ _EFFORTS_OF_ARMS = {
     "Panda": (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),
     "iiwa 14": (320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0),
 }
-"""Efforts [N m] of arms that are often copied into files of other arms."""
+"""Efforts [N m] of arms, from the base on, that are often copied into files of other arms."""
 
 
 def driven_entries(model: Model) -> Array:
@@ -241,17 +251,18 @@ def driven_entries(model: Model) -> Array:
     is_driven = np.zeros(model.nv, bool)
     elastic_joints = {actuator.joint for motor, actuator in model.actuators.items() if motor != actuator.joint}
     for body in model.leaders:
-        is_driven[body.places[1]] = body.joint.driven and body.joint.name not in elastic_joints
+        _, entries = body.places
+        is_driven[entries] = body.joint.driven and body.joint.name not in elastic_joints
     return is_driven
 
 
 def placeholder_limits(robot: Robot, limits: Limits) -> str:
-    """Sentence, without a full stop, on efforts of a file or a table that are probably not motor limits; empty if none.
+    """Sentence, without a full stop, on efforts that are probably not motor limits; empty if there are none.
 
-    Efforts are doubted if half of the joints of a light robot have 1000 N m or more. Those of sliding joints must also
-    be 10 times the robot's weight. Efforts of an arm are doubted if its own weight needs less than 15 % of each at the
-    worst of many random poses. If no turning joint bears weight, as in a SCARA, this shows nothing. Robots with
-    actuators are not judged, and neither are efforts given with their unit, which the user has confirmed.
+    Efforts are doubted if half of the joints of a light robot have 1000 N m or more. The efforts of sliding joints must also
+    be 10 times the robot's weight. Efforts of an arm are doubted if the arm's own weight needs less than 15 % of each, in the
+    worst of many random poses. An arm without a turning joint that bears weight, as a SCARA, is not doubted. Robots with
+    actuators are not judged, nor are efforts given with their unit, which the user has confirmed.
     """
     model = robot.model
     is_driven = driven_entries(model)
@@ -259,9 +270,9 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
     if not has_unconfirmed or model.actuators or model.couplings:
         return ""
     effort = limits.effort
-    turns = Coordinates.from_model(model).angular_velocity
+    is_angular = Coordinates.from_model(model).angular_velocity
     placeholder_force = max(_PLACEHOLDER_EFFORT, _PLACEHOLDER_WEIGHTS * STRENGTH * model.moving_mass)
-    placeholder_effort = np.where(turns, _PLACEHOLDER_EFFORT, placeholder_force)
+    placeholder_effort = np.where(is_angular, _PLACEHOLDER_EFFORT, placeholder_force)
     is_large = is_driven & np.isfinite(effort) & (effort >= placeholder_effort)
     if 2 * is_large.sum() >= is_driven.sum() and model.moving_mass < _MAX_LIGHT_MASS:
         return (
@@ -269,21 +280,25 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
             f"a robot of {number(model.moving_mass + model.base_inertia.mass)} kg, which stand for no limit"
         )
     arm = arm_entries(model)
-    if len(arm) < _MIN_ARM_JOINTS or not np.isfinite(effort[is_driven]).all() or not np.any(model.gravity):
+    has_all_efforts = np.isfinite(effort[is_driven]).all()
+    if len(arm) < _MIN_ARM_JOINTS or not has_all_efforts or not np.any(model.gravity):
         return ""
     share = weight_share(robot, arm, effort)
-    turning_entries = [k for k in arm if turns[k]]
+    turning_entries = [k for k in arm if is_angular[k]]
     if not 0 < share < _MIN_WEIGHT_SHARE or not turning_entries:
         return ""
     if weight_share(robot, turning_entries, effort) < _MAX_ROUNDING_SHARE:
         return ""
-    smallest, largest = float(effort[arm].min()), float(effort[arm].max())
+    arm_efforts = tuple(effort[arm].tolist())
+    smallest, largest = min(arm_efforts), max(arm_efforts)
     if smallest == largest:
-        efforts_text, pronoun = f"effort {number(largest)} on all {len(arm)} joints", "it"
+        efforts_text = f"effort {number(largest)} on all {len(arm)} joints"
+        pronoun = "it"
     else:
-        efforts_text, pronoun = f"efforts of {number(smallest)} to {number(largest)}", "them"
+        efforts_text = f"efforts of {number(smallest)} to {number(largest)}"
+        pronoun = "them"
     for name, efforts in _EFFORTS_OF_ARMS.items():
-        if tuple(effort[arm].tolist()) == efforts:
+        if arm_efforts == efforts:
             efforts_text += f", which are those of the {name}"
             break
     weight_text = f"the arm's own weight takes at most {percent(share, 2)} of {pronoun}"
@@ -292,11 +307,12 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
 
 def weight_share(robot: Robot, entries: list[int], effort: Array) -> float:
     """Largest ratio of gravity torque to effort (nv,) over some entries of τ, at the worst of random poses."""
-    return float((weight_torques(robot)[entries] / effort[entries]).max())
+    shares = weight_torques(robot)[entries] / effort[entries]
+    return float(shares.max())
 
 
 def arm_entries(model: Model) -> list[int]:
-    """Entries of dq of an arm on a fixed base, from the base to its first branch into fingers; empty for other robots."""
+    """Entries of dq of an arm on a fixed base, from the base to its end or to its fingers; empty for other robots."""
     children: dict[int, list[int]] = defaultdict(list)
     for i, body in enumerate(model.bodies):
         if body.joint.moves_body:
@@ -316,21 +332,23 @@ def arm_entries(model: Model) -> list[int]:
         if not body.follows:
             entries.append(body.v_index)
     are_fingers = all(joints_in_series(i) <= _MAX_FINGER_JOINTS for i in children[end])
-    return entries if are_fingers else []
+    if not are_fingers:
+        return []
+    return entries
 
 
 _MAX_MASS_RATIO = 100.0
-"""Mass of a load over the robot's moving mass above which a unit is doubted; arms carry up to their mass, cranes ten times."""
+"""Ratio of a load's mass to the robot's moving mass above which a unit is doubted; arms carry up to 1, cranes up to 10."""
 
 
 def credible_load(mass: float | None, place: ArrayLike, frame: str | None, robot: Robot, reach: float) -> list[Doubt]:
-    """Doubts about a load of a ``mass`` [kg], None if unknown, at a point (3,) [m] of a frame.
+    """Doubts about a load of a ``mass`` [kg], None if unknown, at a point ``place`` (3,) [m] of a frame, by default the tip.
 
-    The frame is the tip if None. ``reach``: reach of the robot [m].
+    ``reach`` is the reach of the robot [m].
     """
     model = robot.model
     name = frame or model.tip
-    distance = float(np.linalg.norm(np.asarray(place, float)))
+    distance = float(np.linalg.norm(np.asarray(place, float)))  # from the origin of the frame
     if distance > reach > 0:
         what = "the payload"
         if mass is not None:

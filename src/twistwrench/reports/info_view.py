@@ -28,11 +28,11 @@ from ..robot import Robot
 from .robot_summary import body_of_link, link_of
 
 MAX_DEPTH = 12
-"""Depth at which the tree continues at the left margin."""
+"""Largest depth of the tree; deeper levels continue at the left margin."""
 _MAX_ROWS = 12
 """Largest number of rows of a table in the short form."""
 _MAX_BODIES = 6
-"""Number of bodies above which the short form has no inertias and no tree."""
+"""Largest number of bodies with which the short form has inertias and the tree."""
 _MAX_NOTES = 2
 """Largest number of notes in the short form."""
 _MAX_NAMES = 8
@@ -40,7 +40,7 @@ _MAX_NAMES = 8
 
 
 def info_view(robot: Robot, *, degrees: bool = False) -> Iterator[Block]:
-    """Heading, joints, actuators, inertias and tree of a robot; angles in degrees if ``degrees``."""
+    """Heading, joints, actuators, inertias and tree of a robot; ``degrees``: angles in degrees."""
     model = robot.model
     level = Level.ALL if len(model.bodies) > _MAX_BODIES else Level.SHORT
     yield _heading(model)
@@ -51,7 +51,8 @@ def info_view(robot: Robot, *, degrees: bool = False) -> Iterator[Block]:
         yield _coupling_table(model, k, level)
     yield _inertias_table(model, level)
     yield _tree(model, level)
-    notes = remarks([*grouped(model.defects), *(f"{text}." for text in base_doubts(model))])
+    doubts = [f"{text}." for text in base_doubts(model)]
+    notes = remarks([*grouped(model.defects), *doubts])
     yield from notes[:_MAX_NOTES]
     for note in notes[_MAX_NOTES:]:
         yield replace(note, level=Level.ALL)
@@ -81,14 +82,16 @@ def _heading(model: Model) -> Line:
 
 
 def _tip(model: Model) -> str:
-    """Tip and other leaves of its body."""
+    """Text of the tip and the other leaves of its body; of all leaves for a robot without a tip."""
     if model.tip is None:
-        return f"none; leaves: {listed(model.leaves, _MAX_NAMES) or 'none'}"
+        leaves = listed(model.leaves, _MAX_NAMES) if model.leaves else "none"
+        return f"none; leaves: {leaves}"
     body = model.all_frames[model.tip].body
-    others = [name for name in model.leaves if name != model.tip and model.frames[name].body == body]
-    if not others:
+    leaves_of_body = [name for name in model.leaves if model.frames[name].body == body]
+    other_leaves = [name for name in leaves_of_body if name != model.tip]
+    if not other_leaves:
         return model.tip
-    return f"{model.tip} (beside it: {', '.join(others)})"
+    return f"{model.tip} (beside it: {', '.join(other_leaves)})"
 
 
 class _JointRow(NamedTuple):
@@ -97,17 +100,17 @@ class _JointRow(NamedTuple):
     name: str
     """Name of the joint, or of one of its velocities."""
     kind: str
-    """Type of the joint; empty below its first row."""
+    """Type of the joint; empty in all but its first row."""
     link: str
-    """Link that the joint carries; empty below its first row."""
+    """Link that the joint carries; empty in all but its first row."""
     velocity: int | None
     """Index of the velocity whose limits the row has; None for a mimic joint."""
 
 
 def _joints_table(model: Model, *, degrees: bool) -> Table:
     """Table of joints with limits, friction and armature; mimic joints have blank figures."""
-    turns = Coordinates.from_model(model).angular_velocity
-    unit_factors = np.where(turns & degrees, math.degrees(1.0), 1.0)
+    is_angular = Coordinates.from_model(model).angular_velocity
+    unit_factors = np.where(is_angular & degrees, math.degrees(1.0), 1.0)  # of each velocity
     rows = list(_joint_rows(model, unit_factors, degrees=degrees))
     columns = []
     for heading, figures in _joint_figures(model, unit_factors).items():
@@ -142,8 +145,9 @@ def _joint_rows(model: Model, unit_factors: Array, *, degrees: bool) -> Iterator
 
 def _joint_figures(model: Model, unit_factors: Array) -> dict[str, Array]:
     """Limits, friction and armature (nv,) by the heading of their column, in the units of the table."""
-    limits, friction = model.limits, model.friction
-    coupled = coupled_entries(model)  # their motors have friction and armature, in a table of their own
+    limits = model.limits
+    friction = model.friction
+    is_coupled = coupled_entries(model)  # friction and armature are those of motors, in the table of the coupling
     figures = {
         "lower": unit_factors * limits.lower,
         "upper": unit_factors * limits.upper,
@@ -155,10 +159,10 @@ def _joint_figures(model: Model, unit_factors: Array) -> dict[str, Array]:
         if np.isfinite(limit).any():
             figures[name] = unit_factors * limit
     if friction.any:
-        figures["damping"] = np.where(coupled, np.nan, friction.viscous)
-        figures["friction"] = np.where(coupled, np.nan, friction.coulomb)
+        figures["damping"] = np.where(is_coupled, np.nan, friction.viscous)
+        figures["friction"] = np.where(is_coupled, np.nan, friction.coulomb)
     if model.armature.any():
-        figures["armature"] = np.where(coupled, np.nan, model.armature)
+        figures["armature"] = np.where(is_coupled, np.nan, model.armature)
     return figures
 
 
@@ -168,7 +172,8 @@ def _actuators_table(model: Model) -> Table:
     ratings = []
     for name, rating in RATINGS.items():
         if rating.head:
-            ratings.append(numbers(rating.head, [getattr(a.motor, name, "") for a in actuators]))
+            values = [getattr(a.motor, name, "") for a in actuators]
+            ratings.append(numbers(rating.head, values))
     return Table(
         "Actuators (SI units)",
         words("joint", [a.joint for a in actuators]),
@@ -182,9 +187,9 @@ def _actuators_table(model: Model) -> Table:
 
 
 def _coupling_table(model: Model, k: int, level: Level) -> Table:
-    """Table of velocities of coupled motors per joint velocity, and of the effort, armature and friction of these motors."""
+    """Table of coupled motors: velocities per joint velocity, effort, armature and friction."""
     coupling = model.couplings[k]
-    rows, A, _ = model.coupled[k]
+    rows, A, _ = model.coupled[k]  # velocities of the coupled joints; motor velocities = A · joint velocities
     return Table(
         f"Coupling {coupling.name}: velocity of each motor, behind its gear, per velocity of each joint (SI units)",
         words("motor", coupling.motors),
@@ -198,9 +203,13 @@ def _coupling_table(model: Model, k: int, level: Level) -> Table:
 
 
 def _mimic_rule(follower: Body, leader: str, leader_factor: float, *, degrees: bool) -> str:
-    """Position of a mimic joint by that of its leader, in the table's units."""
+    """Text of a mimic joint's position as a function of its leader's, in the units of the table.
+
+    ``leader_factor`` converts the leader's position to its unit in the table.
+    """
     factor = 1.0
-    if degrees and follower.joint.axes[0, :3].any():
+    is_angular = follower.joint.axes[0, :3].any()
+    if degrees and is_angular:
         factor = math.degrees(1.0)
     ratio = follower.ratio * (factor / leader_factor)
     position = leader
@@ -257,14 +266,16 @@ def _tree(model: Model, level: Level) -> Branch:
         if depths[b.parent] == MAX_DEPTH:
             branches[b.parent] = root.add(Line((link_of(model, b.parent), Style.STRONG), (" carries on:", Style.QUIET)))
             depths[b.parent] = 0
-        joint = (b.joint.name, Style.POINTED), (f" ({b.joint.kind}) → ", Style.QUIET)
-        branches[i] = branches[b.parent].add(Line(*joint, *_link_and_frames(link_of(model, i), frames_by_body[i])))
+        joint_name = (b.joint.name, Style.POINTED)
+        joint_kind = (f" ({b.joint.kind}) → ", Style.QUIET)
+        link_and_frames = _link_and_frames(link_of(model, i), frames_by_body[i])
+        branches[i] = branches[b.parent].add(Line(joint_name, joint_kind, *link_and_frames))
         depths[i] = depths[b.parent] + 1
     return root
 
 
 def _link_and_frames(link: str, frames: list[str]) -> list[Piece]:
-    """Text of a link and the other frames of its body."""
+    """Pieces of a line: name of a link, and the other frames of its body."""
     other_frames = [name for name in frames if name != link]
     text = f"  + {', '.join(other_frames)}" if other_frames else ""
     return [(link, Style.STRONG), (text, Style.QUIET)]

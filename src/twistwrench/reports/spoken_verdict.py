@@ -61,37 +61,43 @@ if TYPE_CHECKING:
 
 
 MISSING_CONTACT = "IS A CONTACT MISSING?"
+"""Question about a force that a floating base lacks."""
 
 
-def verdict_view(report: TorqueReport, judged: Verdict | None = None) -> Headline:
-    """Headline with the reasons of the verdict and further sentences, one per line.
+def verdict_view(report: TorqueReport, verdict: Verdict | None = None) -> Headline:
+    """Headline with the reasons of a verdict and further sentences, one per line.
 
-    ``judged`` is the verdict; None: that of the report, in its unit of angles.
+    The default ``verdict`` is the report's own, in its unit of angles.
     """
-    judged = judged or report.verdict
-    load, held = report.load, report.held
-    first_reason, *other_reasons = judged.reasons or (_ok_sentence(report),)
+    if verdict is None:
+        verdict = report.verdict
+    load = report.load
+    supports = report.held  # of the robot on the ground, of the payload in a grip, of the base on its foundation
+    reasons = verdict.reasons
+    if not reasons:
+        reasons = (_ok_sentence(report),)
+    first_reason, *other_reasons = reasons
     assumed = ""
-    if judged.ok:
+    if verdict.ok:
         clauses = assumptions(load.robot.model, load.payloads, friction=load.friction, unjudged=report.limits)
         assumed = assumed_words(clauses)
-    further = []
+    further_lines = []
     margin = _payload_margin(report)
     if margin is not None:
-        further.append(Line(margin.words_alone if _has_other_limits(report) else margin.words))
-    # The sentence of the verdict OK has the support of the robot; of another verdict it is a further one.
-    if held.support is not None and not judged.ok and support_verdict(held.support).ok:
-        further.append(Line(f"{_capitalised(standing_words(held.support))}."))
-    if held.grip is not None and held.grip.verdict.ok:
-        further.append(Line(held.grip.line))
-    if held.mounting is not None:
-        further.append(Line(held.mounting.line))
+        further_lines.append(Line(margin.words_alone if _has_other_limits(report) else margin.words))
+    # The sentence of the verdict OK includes the support of the robot. Under another verdict it is a further sentence.
+    if supports.support is not None and not verdict.ok and support_verdict(supports.support).ok:
+        further_lines.append(Line(f"{_capitalised(standing_words(supports.support))}."))
+    if supports.grip is not None and supports.grip.verdict.ok:
+        further_lines.append(Line(supports.grip.line))
+    if supports.mounting is not None:
+        further_lines.append(Line(supports.mounting.line))
     if report.clearance is not None:
-        further += map(Line, report.clearance.lines)
+        further_lines += map(Line, report.clearance.lines)
     for question, remark in _questions(report):
-        further.append(Line((question, strong(Style.NEAR)), f" {remark}"))
-    reasons = [f"{reason}." for reason in other_reasons]
-    return Headline(judged.word, f"{first_reason}{assumed}.", reasons=reasons, further=further)
+        further_lines.append(Line((question, strong(Style.NEAR)), f" {remark}"))
+    other_sentences = [f"{reason}." for reason in other_reasons]
+    return Headline(verdict.word, f"{first_reason}{assumed}.", reasons=other_sentences, further=further_lines)
 
 
 def verdict_text(report: TorqueReport) -> str:
@@ -100,7 +106,7 @@ def verdict_text(report: TorqueReport) -> str:
 
 
 def _questions(report: TorqueReport) -> list[tuple[str, str]]:
-    """Questions to the user, with their causes."""
+    """Questions to the user, each with the remark that raises it."""
     unit_notes = [doubt for doubt in report.doubts if doubt.level == "note" and doubt.kind in ASKED]
     questions = [("IS THE UNIT RIGHT?", f"{doubt}.") for doubt in unit_notes]
     remark = force_remark(report.load.with_load.model, report.joints)
@@ -114,7 +120,7 @@ def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
     if report.payload_margin is None or report.verdict.word not in (Word.OK, Word.OVER_LIMIT):
         return None
     payload_fits = report.payload_margin.mass >= report.load.payloads[0].mass
-    torques_exceed_limits = any(e.kind == "effort" for e in report.excesses)
+    torques_exceed_limits = any(excess.kind == "effort" for excess in report.excesses)
     if payload_fits == torques_exceed_limits:  # the margin contradicts the peaks
         return None
     return report.payload_margin
@@ -122,8 +128,9 @@ def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
 
 def _has_other_limits(report: TorqueReport) -> bool:
     """True if the payload must also keep limits of a grip, of bolts or of bearings."""
-    bolted = report.held.mounting is not None and report.held.mounting.pattern is not None
-    return report.held.grip is not None or bolted or bears(report.limits)
+    has_bolts = report.held.mounting is not None and report.held.mounting.pattern is not None
+    has_bearing_limits = bears(report.limits)
+    return report.held.grip is not None or has_bolts or has_bearing_limits
 
 
 def _ok_sentence(report: TorqueReport) -> str:
@@ -135,21 +142,22 @@ def _ok_sentence(report: TorqueReport) -> str:
 
 
 _ALL_LIMITS_KEPT = "all limits kept. "
-"""First words of the sentence on the nearest limit, which words on the support replace."""
+"""First words of the sentences on the nearest limit; words on the robot's support replace them."""
 
 
 def _nearest_sentences(report: TorqueReport) -> str:
-    """Sentences on the joint nearest to its limit, with reservations: noise that was smoothed, and motion in gaps."""
-    limited = [j for j in report.joints if math.isfinite(j.limit)]
-    if not limited:
+    """Sentences on the joint nearest to its limit, on smoothed noise, and on motion in gaps of the log."""
+    limited_joints = [j for j in report.joints if math.isfinite(j.limit)]
+    if not limited_joints:
         return sentence("no motor")
-    j = max(limited, key=lambda j: j.share)
+    j = max(limited_joints, key=lambda joint: joint.share)
     if report.is_zero(j.largest):
         return sentence("no torque")
     joints_over = _joints_over_before_smoothing(report)
     uncertainty = ""
     if joints_over:
-        uncertainty = sentence("sure", share=percent(INTERVAL * report.reach(j) / j.limit, 2))
+        half_width = INTERVAL * report.reach(j)
+        uncertainty = sentence("sure", share=percent(half_width / j.limit, 2))
     share = percent_of_limit(j.share)
     time = seconds(j.time)
     nearest = sentence("nearest", joint=j.joint, share=share, sure=uncertainty, time=time, because=because(j))
@@ -182,23 +190,25 @@ def _nearest_bearing(use: BearingUse) -> str:
 
 
 AT_STOP = 0.99
-"""Share of half a range from its middle above which a joint is at its stop."""
+"""Distance from the middle of a range, as a share of half the range, above which a joint is at its stop."""
 
 
 def _near_limits(report: TorqueReport) -> list[dict[str, Any]]:
-    """Velocity, position and measured torque nearest to a limit.
+    """Velocity, position and measured torque nearest to a limit, as data for the page.
 
-    The entry ``least`` is the share of the limit above which it is named.
+    The entry ``least`` is the share of the limit above which the report names the quantity.
     """
-    near_by_kind = {near.kind: near for near in reversed(report.near)}  # the first of a kind has the largest share
+    # The first entry of a kind has the largest share; in reversed order it is set last.
+    near_by_kind = {near.kind: near for near in reversed(report.near)}
     nearest = []
     for kind, least_share in (("velocity", NEAR_LIMIT), ("position", AT_STOP)):
         if kind in near_by_kind:
             nearest.append(vars(near_by_kind[kind]) | {"least": least_share})
     if report.measured:
-        measured = max(report.measured, key=lambda measured: measured.share)
-        entry = {"joint": measured.joint, "kind": "measured torque", "share": measured.share, "time": measured.time}
-        nearest.append(entry | {"least": NEAR_LIMIT})
+        use = max(report.measured, key=lambda use: use.share)
+        nearest.append({
+            "joint": use.joint, "kind": "measured torque", "share": use.share, "time": use.time, "least": NEAR_LIMIT,
+        })  # fmt: skip
     return nearest
 
 
@@ -218,10 +228,10 @@ def _joints_over_before_smoothing(report: TorqueReport) -> str:
     """Text with the number of joints over a limit before smoothing; empty if there are none."""
     if report.derived is None or not report.derived.excesses:
         return ""
-    count = len({e.joint for e in report.derived.excesses})
-    if count == 1:
+    joint_count = len({excess.joint for excess in report.derived.excesses})
+    if joint_count == 1:
         return "1 joint"
-    return f"{count} joints"
+    return f"{joint_count} joints"
 
 
 # ── Verdict as data
@@ -237,22 +247,23 @@ def verdict_data(
 ) -> dict[str, Any]:
     """Sentences, limits and doubts from which a page judges a motion with other payloads, pushes and speeds.
 
-    A motion without a ``report``, such as arrays, has no noise. Its contradictions are given as ``refused``, and its
-    exceeded position limits as ``positions``.
+    A motion without a ``report``, such as arrays, has no noise. ``refused`` are its contradictions, and ``positions`` its
+    exceeded position limits.
     """
     model = load.robot.model
     coordinates = Coordinates.from_model(model)
     payload = Payload(1.0)  # the page sets its mass
     if load.payloads:
         payload = replace(load.payloads[0], mass=1.0)
-    assume = partial(assumptions, model, friction=load.friction, unjudged=limits, mass="{mass}")
+    assumptions_of = partial(assumptions, model, friction=load.friction, unjudged=limits, mass="{mass}")
     look_again, doubts_before, doubts_after = _doubts_of_all_loads(load, report, refused)
-    closest: Sequence[str] = []
+    closest: Sequence[str] = []  # sentences
     clearance_reasons: dict[str, Sequence[str]] = {}
     if clearance is not None:
         closest = clearance.lines
         clearance_reasons = {clearance.verdict.word: clearance.verdict.reasons}
     velocities = np.where(np.isfinite(limits.velocity), limits.velocity, -1.0)  # -1 without a limit
+    limit_count = int(np.isfinite(limits.effort).sum())
     data = {
         "fixed": why_fixed(load) or why_doubted(report),
         "sentences": spoken_sentences(),
@@ -263,7 +274,7 @@ def verdict_data(
         "bounds": {
             "tolerance": TOLERANCE, "loaded": load_case.MIN_SHARE_OF_LARGEST, "zero": ZERO,
             "negligible": MIN_NOISE_SHARE, "small": MIN_REFERENCE_SHARE, "near": NEAR_LIMIT, "interval": INTERVAL,
-            "confidence": confidence(int(np.isfinite(limits.effort).sum())),
+            "confidence": confidence(limit_count),
         },
         "driven": driven_entries(model).tolist(),
         "followers": [_follower(model, k) for k in model.limited_followers],
@@ -274,7 +285,8 @@ def verdict_data(
             "words": load_case.placeholder_doubt(load.robot, limits), "confirmed": limits.has_unit("effort").tolist(),
         },
         "assumed": {
-            "empty": assumed_words(assume(())), "loaded": assumed_words(assume((payload,))), "tip": model.tip,
+            "empty": assumed_words(assumptions_of(())), "loaded": assumed_words(assumptions_of((payload,))),
+            "tip": model.tip,
         },
         "velocities": velocities.tolist(),
         "turns": coordinates.angular_velocity.tolist(),
@@ -293,7 +305,7 @@ def verdict_data(
 def _doubts_of_all_loads(
     load: LoadCase, report: TorqueReport | None, refused: Sequence[str]
 ) -> tuple[Sequence[str], Sequence[str], Sequence[str]]:
-    """Reasons to look again, and to be unsure, the latter before and after those on gaps of a log."""
+    """Reasons to look again; reasons to be unsure that stand before those on gaps of a log; and those after."""
     if report is None:
         return list(refused), model_warnings(load.with_load.model), []
     return contradictions(report), *carried_doubts(report)
@@ -302,13 +314,13 @@ def _doubts_of_all_loads(
 def _exceeded_stop(violation: Violation, model: Model) -> dict[str, Any]:
     """Exceeded position limit, with the entries of :class:`Excess`."""
     k = model.velocity_names.index(violation.joint)
-    angular = bool(Coordinates.from_model(model).angular_velocity[k])
+    is_angular = bool(Coordinates.from_model(model).angular_velocity[k])
     kind = "upper" if violation.value > violation.limit else "lower"
-    return vars(violation) | {"kind": kind, "angular": angular}
+    return vars(violation) | {"kind": kind, "angular": is_angular}
 
 
 def _follower(model: Model, k: int) -> dict[str, Any]:
-    """Figures of a mimic joint with a torque limit, that of body k."""
+    """Figures of the mimic joint of body k, which has a torque limit."""
     body = model.bodies[k]
     return {
         "joint": body.joint.name,
@@ -339,30 +351,33 @@ def _force_at_base(model: Model) -> dict[str, Any] | None:
 
 def _log_data(report: TorqueReport) -> dict[str, Any]:
     """Data available only for a log: noise of each joint's peak, gaps, exceeded limits of the motion."""
-    exceeded_stops, noisy_velocities = [], []
+    exceeded_stops = []
+    noisy_velocities = []  # names of joints
     for excess in report.excesses:
         is_stop = excess.kind in ("lower", "upper")
         if is_stop and not is_noise(report, excess):
             exceeded_stops.append(vars(excess))
         if excess.kind == "velocity" and is_noise(report, excess):
             noisy_velocities.append(excess.joint)
-    joints = None
+    noise_by_joint = None
     if report.noisy:
-        joints = []
+        noise_by_joint = []
         for j in report.joints:
-            at_end = report.at_an_end(j)
-            joints.append({"chance": j.chance, "reach": report.reach(j), "end": at_end, "sigma": j.uncertainty})
+            noise_by_joint.append({
+                "chance": j.chance, "reach": report.reach(j), "end": report.at_an_end(j), "sigma": j.uncertainty,
+            })  # fmt: skip
     gap = None
     if report.gaps.hidden:
         gap = {"hidden": report.gaps.hidden, "words": report.gaps.hidden_words, "most": most_hidden(report)}
+    page_questions = [f"{question} {remark}" for question, remark in _questions(report) if question != MISSING_CONTACT]
     return {
         "passed": exceeded_stops,
         "noisy": noisy_velocities,
-        "joints": joints,
+        "joints": noise_by_joint,
         "gap": gap,
         "asLogged": _joints_over_before_smoothing(report),
         "near": _near_limits(report),
-        "questions": [f"{question} {remark}" for question, remark in _questions(report) if question != MISSING_CONTACT],
+        "questions": page_questions,
         "text": verdict_text(report),
     }
 
@@ -379,7 +394,7 @@ def why_doubted(report: TorqueReport | None) -> str | None:
 
 
 def why_fixed(load: LoadCase) -> str | None:
-    """Reason in a load case why a page cannot judge other loads; None if there is none."""
+    """Reason in a load case why the load is fixed, so that a page cannot judge others; None if there is none."""
     model = load.robot.model
     if load.fixed_words:
         return load.fixed_words

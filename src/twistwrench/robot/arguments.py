@@ -27,6 +27,7 @@ CONFIGURATIONS = ("q", "q0", "q1")
 """Inputs that are configurations; derivatives with respect to them are along :meth:`twistwrench.Robot.add`."""
 
 _MAX_LISTED_ENTRIES = 12
+"""Largest number of entries that an error lists by name."""
 
 
 def is_symbolic(arrays: Sequence[Any]) -> bool:
@@ -56,7 +57,7 @@ def names_of(model: Model, label: str) -> tuple[str, ...]:
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
-    """Names of a kernel's inputs, as in messages, and shapes without batch axes."""
+    """Name of each input of a kernel, as messages write it, and its shape without batch axes."""
     from . import programs as quantity_programs
     from .kernels.options import checked_options
 
@@ -72,7 +73,7 @@ def input_name(label: str) -> str:
 
 
 def to_numbers(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Arrays of a quantity as NumPy or Dask arrays; table columns in the robot's order."""
+    """Inputs of a quantity as NumPy or Dask arrays, with the columns of tables in the robot's order."""
     from .quantities import QUANTITIES
 
     input_names = QUANTITIES[name].inputs
@@ -92,7 +93,7 @@ def to_numbers(model: Model, name: str, arrays: Sequence[Any], options: Mapping[
 
 
 def states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
-    """State arrays by label, float64 or float32; table columns in the robot's order, Dask arrays unchanged."""
+    """States as arrays of float64 or float32, columns of tables in the robot's order; Dask arrays are unchanged."""
     return numbers(name, {label: names_of(model, label) for label in arrays}, **arrays)
 
 
@@ -112,7 +113,7 @@ def finite_states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
 
 
 def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:
-    """Arrays of float64, or float32 if given so; table columns ordered by ``names``, Dask arrays unchanged."""
+    """Arrays of float64; float32 stays float32, columns of tables are ordered by ``names``, Dask arrays are unchanged."""
     reals = []
     for label, value in arrays.items():
         array = arguments.to_numbers(value, f"{name}: {label}", names.get(label, ()))
@@ -140,16 +141,16 @@ def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str,
         listed = ", ".join(f"{label} {batch_shape}" for label, batch_shape in batch_shapes)
         return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
     except RuntimeError:  # more axes than NumPy supports
-        label, longest = max(batch_shapes, key=lambda pair: len(pair[1]))
+        label, batch_shape = max(batch_shapes, key=lambda label_and_shape: len(label_and_shape[1]))
         return ShapeError(
-            f"{name}: {label} has {len(longest)} batch axes. NumPy's arrays have at most 64 axes, those of one result "
+            f"{name}: {label} has {len(batch_shape)} batch axes. NumPy's arrays have at most 64 axes, those of one result "
             "included. Reshape the batch to one axis."
         )
     return None
 
 
 def _entries_text(model: Model, label: str, count: int) -> str:
-    """Entries that an input has in its last axis, as text."""
+    """Text of the entries that an input must have in its last axis, for messages."""
     if label == "wrench":
         return "(m, f), angular part first"
     names = model.coordinate_names if label == "q" else model.joint_names
@@ -212,7 +213,8 @@ def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
     if isinstance(F, Wrench):
         F = values_at(F, frame)
     components = arguments.to_numbers(F, f"the wrench at {frame!r}")
-    (array,) = numbers("wrench", {}, **{f"the one at {frame!r}": components})
+    label = f"the one at {frame!r}"
+    (array,) = numbers("wrench", {}, **{label: components})
     if array.shape[-1:] != (6,):
         raise ShapeError(f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first.")
     if np.can_cast(components.dtype, np.float32):  # as in kernels: float16 does not promote results to double
@@ -229,8 +231,11 @@ def sum_by_frame(
         check_mapping(wrenches)
         for frame, F in (wrenches or {}).items():
             signed = sign * wrench_at(model, frame, F)
+            if frame not in total:
+                total[frame] = signed
+                continue
             try:
-                total[frame] = total[frame] + signed if frame in total else signed
+                total[frame] = total[frame] + signed
             except ValueError:
                 raise ShapeError(
                     f"the wrenches by and on the robot at {frame!r} have batch shapes that do not broadcast: "

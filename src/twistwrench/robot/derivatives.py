@@ -31,8 +31,8 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         """Derivatives of inverse dynamics, ∂τ/∂q and ∂τ/∂dq; ∂τ/∂ddq is M.
 
         Wrenches have constant components in their frames, which move with the links. Friction is excluded. With
-        constraints, derivatives of the motor torques by the motors' q, dq and ddq, along motions that satisfy the
-        constraints; coordinates, velocities and accelerations of the other joints follow.
+        constraints, these are derivatives of the motor torques by the motors' q, dq and ddq. The other joints then follow, so
+        that the motion satisfies the constraints.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
     ) -> tuple[Array, Array, Array]:
         """Hessian of a weighted sum of torques, ∂²(w·τ)/∂(q, dq, ddq)², times a direction.
 
-        The Hessian of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b) at 0, with ⊕ for :meth:`add`, is always symmetric.
+        It is the Hessian of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b) at 0, with ⊕ for :meth:`add`, and always symmetric.
 
         Parameters
         ----------
@@ -164,9 +164,9 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         Examples
         --------
         >>> import numpy as np, twistwrench as tw
-        >>> arm, still = tw.robots.planar_2r(), [0, 0]
-        >>> curved = arm.inverse_dynamics_hessian_product(still, still, still, [1, 0], [1, 0], still, still)
-        >>> curved[0].round(2).tolist()
+        >>> arm, zero = tw.robots.planar_2r(), [0, 0]
+        >>> by_q, by_dq, by_ddq = arm.inverse_dynamics_hessian_product(zero, zero, zero, [1, 0], [1, 0], zero, zero)
+        >>> by_q.round(2).tolist()
         [-29.43, -9.81]
         """
         options = {"by": ("q", "dq", "ddq"), "form": "hessian_along"}
@@ -227,7 +227,7 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         ddq_by_q, ddq_by_dq, ddq_by_tau = self.forward_dynamics_derivatives(q, dq, tau)
         n = self.nv
         batch_shape = ddq_by_q.shape[:-2]
-        # Structure constants c_bad of [S_b, S_a] = -[S_a, S_b], so that this is -ad(dq).
+        # brackets(model) has c_bad of [S_b, S_a]. As [S_b, S_a] = -[S_a, S_b], the sum over a of c_bad dq_a is -ad(dq).
         minus_ad_dq = np.einsum("bad,...a->...db", brackets(self.model), np.asarray(dq, float))
         A = np.zeros((*batch_shape, 2 * n, 2 * n))
         A[..., :n, :n] = minus_ad_dq

@@ -37,7 +37,7 @@ class KnownRobots(Answer):
     """Names of bundled robots."""
     others: tuple[FoundRobot, ...]
     """Robots of other installed packages, sorted by name."""
-    call = "robots"
+    call = "robots"  # command
 
     @classmethod
     def from_word(cls, word: str) -> KnownRobots:
@@ -98,7 +98,8 @@ class KnownRobots(Answer):
         for robot in self.others:
             robots_by_source.setdefault(robot.source, []).append(robot)
         for source, robots_of_source in robots_by_source.items():
-            shortest_names = sorted(names[0] for names in _names_by_file(robots_of_source).values())
+            names_by_file = _names_by_file(robots_of_source)
+            shortest_names = sorted(names[0] for names in names_by_file.values())
             count_text = "1 robot" if len(shortest_names) == 1 else f"{len(shortest_names)} robots"
             yield Aligned(f"{count_text} of {source}", [("", " ".join(shortest_names))], name_columns, gap="")
         for source, robots_of_source in robots_by_source.items():
@@ -108,12 +109,12 @@ class KnownRobots(Answer):
 
 
 def name_columns(names: str, width: int) -> list[str]:
-    """Names, separated by blanks, in rows of at most a width; each begins at a multiple of 13 characters."""
+    """Rows of at most ``width`` characters from names separated by blanks; each name begins at a column of 13 characters."""
     rows = [""]
     for name in names.split():
         start = 0
         if rows[-1]:
-            width_with_gap = text_width(rows[-1]) + 2
+            width_with_gap = text_width(rows[-1]) + _MIN_GAP
             start = _COLUMN_WIDTH * math.ceil(width_with_gap / _COLUMN_WIDTH)
         if rows[-1] and start + text_width(name) > width:
             rows.append("")
@@ -123,6 +124,9 @@ def name_columns(names: str, width: int) -> list[str]:
 
 
 _COLUMN_WIDTH = 13
+"""Width of a column of names [characters]."""
+_MIN_GAP = 2
+"""Smallest number of blanks between two names."""
 
 
 def _description(name: str) -> str:
@@ -152,7 +156,7 @@ def _bundled_table(names: Sequence[str]) -> Table:
 
 
 def _names_by_file(robots_of_source: Sequence[FoundRobot]) -> dict[str, list[str]]:
-    """Names by file (its last two folders and its name), the shortest first."""
+    """Names of each file, the shortest first; a file is written with its last two folders."""
     names_by_file: dict[str, list[str]] = {}
     for robot in robots_of_source:
         file = "/".join(robot.path.parts[-3:])

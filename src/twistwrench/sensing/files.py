@@ -38,10 +38,15 @@ from .sensor import ForceTorqueSensor, gravity_in_frame, rotations_of_quaternion
 from .uncertainty import Uncertainty
 
 _UNCERTAINTY_ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
+"""Arrays of an :class:`Uncertainty` in a sensor file."""
 
 _BUNDLED_LOGS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
+"""Files of bundled logs by name."""
 _BUNDLED_SENSORS = {"demo": "demo_sensor.json"}
+"""Files of bundled sensors by name."""
 MAX_SENSOR_FILE_BYTES = 2**20
+_MIN_SIMILARITY = 0.7
+"""Smallest similarity of two names, from 0 to 1, at which one is suggested for the other."""
 
 
 def _advice_on_sensor_files() -> str:
@@ -70,7 +75,7 @@ def sensor_path(name: str | Path) -> Path:
 
 
 def _bundled_or_own_path(name: str | Path, files: Mapping[str, str]) -> Path:
-    """Path of the bundled file with this name; a file of the user with the same name goes before it."""
+    """Path of the bundled file with this name; a file of the user with the same name has priority."""
     own_path = Path(name)
     if str(name) in files and not own_path.is_file():
         return Path(__file__).with_name(files[str(name)])
@@ -82,8 +87,10 @@ class SensorFile:
     """Content of a sensor file."""
 
     sensor: ForceTorqueSensor
-    noise: tuple[float, float]  # standard deviations of moments [N m] and forces [N]
-    uncertainty: Uncertainty | None  # uncertainty of the sensor; None in older files
+    noise: tuple[float, float]
+    """Standard deviations of moments [N m] and forces [N]."""
+    uncertainty: Uncertainty | None
+    """Uncertainty of the sensor; None in older files."""
 
 
 def write_sensor(
@@ -124,11 +131,11 @@ def write_sensor(
     }
     if sensor.frame is not None:
         content["frame"] = sensor.frame
-    if uncertainty is not None and not isinstance(uncertainty, Uncertainty):
-        raise ShapeError(
-            f"write_sensor: uncertainty is {arguments.value_text(uncertainty)}: give Identification.uncertainty, or None."
-        )
     if uncertainty is not None:
+        if not isinstance(uncertainty, Uncertainty):
+            raise ShapeError(
+                f"write_sensor: uncertainty is {arguments.value_text(uncertainty)}: give Identification.uncertainty, or None."
+            )
         entry: dict[str, Any] = {"unknowns": list(uncertainty.unknowns)}
         for name in _UNCERTAINTY_ARRAYS:
             entry[name] = _lists_for_json(getattr(uncertainty, name))
@@ -206,8 +213,8 @@ def _uncertainty_of_entry(entry: dict[str, Any]) -> Uncertainty:
     arrays = {}
     for name in _UNCERTAINTY_ARRAYS:
         # Infinity is written as null, which NumPy reads as NaN. Uncertainty rejects infinity where it is not allowed.
-        x = np.array(entry[name], float)
-        arrays[name] = np.where(np.isnan(x), np.inf, x)
+        array = np.array(entry[name], float)
+        arrays[name] = np.where(np.isnan(array), np.inf, array)
     return Uncertainty(tuple(entry["unknowns"]), **arrays)
 
 
@@ -251,7 +258,7 @@ _MATRIX_COLUMNS = tuple(f"r{row}{column}" for row in "123" for column in "123")
 _GRAVITY_COLUMNS = ("gx", "gy", "gz")
 _DV_COLUMNS = tuple(f"d{name}" for name in TWIST)
 _POSITION = ("px", "py", "pz")
-_COLUMNS = (
+_COLUMNS = (  # all known columns
     "time",
     *_QUATERNION_COLUMNS,
     *_MATRIX_COLUMNS,
@@ -262,7 +269,8 @@ _COLUMNS = (
     *_POSITION,
 )
 _ALIASES = {"t": "time", "tx": "mx", "ty": "my", "tz": "mz"}
-_ANGLE_NAMES = {
+"""Names of columns by other names that are common."""
+_ANGLE_NAMES = {  # of an orientation, which are not read
     "roll",
     "pitch",
     "yaw",
@@ -279,7 +287,7 @@ _ANGLE_NAMES = {
     "theta",
     "psi",
 }
-_UNITS = {  # accepted units by column, or by its name without x, y or z; messages name the first
+_UNITS = {  # accepted units by name of the column, without x, y or z; messages name the first unit
     "m": ("N m", "Nm", "N*m", "N·m"),
     "f": ("N",),
     "w": ("rad/s", "1/s"),
@@ -343,10 +351,11 @@ def read_log(
     path = Path(path)
     with table_errors(path, "log", f"a header ({', '.join(WRENCH)} and an orientation), then rows"):
         file = CsvFile.open(path)
-        header = _column_names(file.header, f"{path}: line {file.header_line}")
+        where = f"{path}: line {file.header_line}"
+        header = _column_names(file.header, where)
         names = [name for name in header if name in _COLUMNS]
-        ignored = [name for name in header if name not in _COLUMNS]
-        _check_complete(names, ignored, f"{path}: line {file.header_line}", by_robot=robot is not None)
+        ignored_names = [name for name in header if name not in _COLUMNS]
+        _check_complete(names, ignored_names, where, by_robot=robot is not None)
         table = file.table([k for k, name in enumerate(header) if name in _COLUMNS])
     rotations = None
     joint_columns: tuple[str, ...] = ()
@@ -358,7 +367,8 @@ def read_log(
     if "time" in columns:
         _check_times(file, columns["time"])
     log = _log_from_columns(path, columns, gravity, rotations)
-    return replace(log, notes=_note_on_ignored_columns([name for name in ignored if name not in joint_columns]))
+    ignored_names = [name for name in ignored_names if name not in joint_columns]
+    return replace(log, notes=_note_on_ignored_columns(ignored_names))
 
 
 def _check_times(file: CsvFile, times: Array) -> None:
@@ -374,7 +384,7 @@ def _check_times(file: CsvFile, times: Array) -> None:
 def readings_of(log: ReadingsGiven, gravity: float, taker: str, **robot_options: Any) -> ReadingLog:
     """Log itself, or the log in a file, read with gravity of this size [m/s²].
 
-    Doubts about the log do not warn here, since the report of the function ``taker`` has them. ``robot_options`` are
+    Warnings about the log are suppressed, since the report of the function ``taker`` has the doubts. ``robot_options`` are
     the arguments of :func:`read_log` for a file with positions of a robot's joints.
     """
     if not isinstance(log, str | Path):
@@ -391,10 +401,11 @@ def _column_names(header: Sequence[str], where: str) -> list[str]:
     names = []
     for cell in header:
         text = cell.strip().strip('"')
-        name, unit = cell, None
-        name_and_unit = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", text)
-        if name_and_unit:
-            name, unit = name_and_unit.groups()
+        name = cell
+        unit = None
+        match = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", text)  # name [unit] or name (unit)
+        if match:
+            name, unit = match.groups()
         name = name.strip().lower()
         name = _ALIASES.get(name, name)
         if name not in _COLUMNS:
@@ -416,30 +427,30 @@ def _note_on_ignored_columns(ignored: list[str]) -> tuple[str, ...]:
     texts = []
     for name in ignored:
         text = repr(name)
-        similar = difflib.get_close_matches(name.lower(), _COLUMNS, n=1, cutoff=0.7)
-        if similar:
-            text += f" (did you mean {similar[0]!r}?)"
+        similar_names = difflib.get_close_matches(name.lower(), _COLUMNS, n=1, cutoff=_MIN_SIMILARITY)
+        if similar_names:
+            text += f" (did you mean {similar_names[0]!r}?)"
         texts.append(text)
     return (f"Columns that are not part of a reading are ignored: {', '.join(texts)}.",)
 
 
 def _check_unit(name: str, unit: str, where: str) -> None:
-    """Raise ValueRangeError if a column has another unit than its quantity allows."""
+    """Raise ValueRangeError if a column has a unit that its quantity does not allow."""
     quantity = name if name in _UNITS else name.rstrip("xyz")
-    allowed = _UNITS.get(quantity)
-    if allowed is None:
+    allowed_units = _UNITS.get(quantity)
+    if allowed_units is None:
         return
     unit = unit.strip()
-    if unit.lower() not in map(str.lower, allowed):
-        remedy = allowed[0] or "a plain direction"
+    if unit.lower() not in map(str.lower, allowed_units):
+        remedy = allowed_units[0] or "a plain direction"  # the direction of gravity has no unit
         raise ValueRangeError(f"{where}: column {name!r} is in {unit!r}. Convert it to {remedy} (SI units).")
 
 
 def _check_complete(names: list[str], ignored: list[str], where: str, *, by_robot: bool) -> None:
-    """Raise ValueRangeError unless the columns are complete.
+    """Raise ValueRangeError unless the columns ``names`` are complete; ``ignored`` are the names of the other columns.
 
-    They are six components of readings and one orientation, which may be missing if it comes from a robot
-    (``by_robot``). An orientation or a motion must have all of its columns.
+    Needed are the six components of readings and one orientation. With ``by_robot``, the orientation comes from a robot and
+    may be missing. An orientation or a motion must have all of its columns.
     """
     missing = [name for name in WRENCH if name not in names]
     if missing:
@@ -455,18 +466,20 @@ def _check_complete(names: list[str], ignored: list[str], where: str, *, by_robo
         hint = _suggestion(list(chain.from_iterable(kinds)), ignored)
         if is_missing:
             problem = "no orientation"
-            hint = _hint_on_angles(ignored) or hint
+            hint_on_angles = _hint_on_angles(ignored)
+            if hint_on_angles:
+                hint = hint_on_angles
         raise ValueRangeError(
             f"{where}: {problem}. {hint}Give one of: {', '.join(_QUATERNION_COLUMNS)}; r11, r12, …, r33; "
             f"{', '.join(_GRAVITY_COLUMNS)} (gravity's direction in the sensor's frame); or joint positions, and the robot: "
             "{0}.",
             Argument("robot", Placeholder("ROBOT")),
         )
-    expected = list(chain.from_iterable(orientations))
+    expected_names = list(chain.from_iterable(orientations))
     motion_columns = TWIST + _DV_COLUMNS
     if not set(motion_columns).isdisjoint(names):
-        expected += motion_columns
-    missing = [name for name in expected if name not in names]
+        expected_names += motion_columns
+    missing = [name for name in expected_names if name not in names]
     if missing:
         raise ValueRangeError(
             f"{where}: no column for {', '.join(missing)}, although others of its kind are there. "
@@ -483,22 +496,22 @@ def _hint_on_angles(ignored: list[str]) -> str:
 
 
 def _suggestion(missing: list[str], ignored: list[str]) -> str:
-    """Suggest an ignored column whose name resembles a missing one."""
+    """Sentence that suggests a missing name for an ignored column with a similar name; empty without one."""
     for name in ignored:
         short_name = re.sub(r"force", "f", name.lower())
         short_name = re.sub(r"torque|moment|\bt(?=_)", "m", short_name)
         short_name = re.sub(r"[^a-z0-9]", "", short_name)
-        similar = difflib.get_close_matches(short_name, missing, n=1, cutoff=0.7)
-        if similar:
-            return f"Column {name!r} is not known: did you mean {similar[0]!r}? "
+        similar_names = difflib.get_close_matches(short_name, missing, n=1, cutoff=_MIN_SIMILARITY)
+        if similar_names:
+            return f"Column {name!r} is not known: did you mean {similar_names[0]!r}? "
     return ""
 
 
 def _log_from_columns(path: Path, columns: dict[str, Array], gravity: ArrayLike, rotations: Array | None) -> ReadingLog:
-    """Log of the columns of a file.
+    """Log from the columns of a file.
 
-    ``rotations`` (n, 3, 3) follow from joint positions of a robot and are used if the file has no orientations. If it
-    has both, the log holds the angle between their directions of gravity.
+    ``rotations`` (n, 3, 3) are by joint positions of a robot; they are used if the file has no orientations. If the file has
+    both, the log gets the angle between their directions of gravity.
     """
 
     def stack(names: tuple[str, ...]) -> Array | None:
@@ -507,8 +520,10 @@ def _log_from_columns(path: Path, columns: dict[str, Array], gravity: ArrayLike,
             return None
         return np.stack([columns[name] for name in names], axis=1)
 
-    pose, log_gravity = rotations, gravity
-    quaternions, matrices = stack(_QUATERNION_COLUMNS), stack(_MATRIX_COLUMNS)
+    pose = rotations
+    log_gravity = gravity
+    quaternions = stack(_QUATERNION_COLUMNS)
+    matrices = stack(_MATRIX_COLUMNS)
     directions = stack(_GRAVITY_COLUMNS)
     if quaternions is not None:
         pose = rotations_of_quaternions(quaternions, f"{path}: quaternion")
@@ -518,9 +533,12 @@ def _log_from_columns(path: Path, columns: dict[str, Array], gravity: ArrayLike,
         pose = None
         lengths = np.linalg.norm(directions, axis=1, keepdims=True)
         if not lengths.all():
-            row = int(np.flatnonzero(lengths[:, 0] == 0)[0])
-            raise ValueRangeError(f"{path}: gx, gy, gz of reading {row} are zero. Give the direction of gravity.")
-        log_gravity = directions / lengths * np.linalg.norm(np.asarray(gravity, float))
+            rows_of_zeros = np.flatnonzero(lengths[:, 0] == 0)
+            raise ValueRangeError(
+                f"{path}: gx, gy, gz of reading {int(rows_of_zeros[0])} are zero. Give the direction of gravity."
+            )
+        strength = np.linalg.norm(np.asarray(gravity, float))
+        log_gravity = directions / lengths * strength
     readings = np.stack([columns[name] for name in WRENCH], axis=1)
     log = ReadingLog.from_arrays(
         readings,
@@ -548,10 +566,13 @@ def _median_angle(a: Array, b: Array) -> float:
 def orientations_by_joints(
     file: CsvFile, robot: Robot | str | Path, frame: str | None, *, degrees: bool
 ) -> tuple[Array, tuple[str, ...]]:
-    """Orientations (n, 3, 3) of a frame by the joint positions in a file, and the names of their columns."""
+    """Orientations (n, 3, 3) of a frame by the joint positions in a file, and the names of the positions' columns."""
     arm = robot if isinstance(robot, Robot) else load(robot)
-    has_times = any(time_meaning(split_unit(cell)[0]) is not None for cell in file.header)
-    rate = None if has_times else 1.0  # any rate will do, since orientations do not depend on times
+    rate: float | None = 1.0  # any rate will do, since orientations do not depend on times
+    for cell in file.header:
+        name, _ = split_unit(cell)
+        if time_meaning(name) is not None:
+            rate = None  # the file has times
     reading = Reading(file.path, rate=rate, degrees=degrees)
     where = f"{file.path}: line {file.header_line}"
     columns = Columns.from_header(file.header, Coordinates.from_model(arm.model), where, reading, file.first)
@@ -559,7 +580,8 @@ def orientations_by_joints(
     if columns.counted:  # si_values expects a first column of times, which the file does not have
         table = np.column_stack([np.zeros(len(table)), table])
     q = columns.si_values(table, "q")
-    return np.asarray(arm.forward_kinematics(q, frame))[:, :3, :3], tuple(columns.header)
+    T = np.asarray(arm.forward_kinematics(q, frame))
+    return T[:, :3, :3], tuple(columns.header)
 
 
 def write_log(log: ReadingLog, path: str | Path) -> None:
@@ -603,7 +625,8 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
 
 def write_compensated(log: ReadingLog, compensated: Array, path: str | Path) -> Path:
     """Write readings (n, 6) without bias and load, with the times of the log if it has them."""
-    header, rows = [*WRENCH], compensated
+    header = [*WRENCH]
+    rows = compensated
     if log.time is not None:
         header.insert(0, "time")
         rows = np.column_stack([log.time, compensated])

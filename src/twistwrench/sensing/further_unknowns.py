@@ -21,19 +21,21 @@ from .unknowns import SensorState
 SIGNIFICANCE = 1e-4
 """Significance level: probability of proposing a spurious unknown."""
 ROW_TEST_FACTOR = 0.1
-"""Factor on the p-value of the test by rows. Its level is thus 1e-3, since it has few degrees of freedom."""
+"""Factor on the p-value of the test by rows, whose level is thus 1e-3, since the test has few degrees of freedom."""
 MIN_FREEDOM = 4.0
 """Smallest number of residual degrees of freedom of a test."""
 MIN_SHARE_OF_BEST = 0.8
-"""Fraction of the largest reduction. Among candidates above it, the one with fewest columns is chosen."""
+"""Smallest reduction of the residuals, as a share of the largest reduction, with which a candidate may be chosen."""
 MIN_GAIN = 0.05
-"""Smallest error of gain or cross-talk, relative to the load's wrench. Smaller ones resemble pose errors of a degree."""
+"""Smallest error of gain or cross-talk, relative to the load's wrench. Smaller errors resemble pose errors of a degree."""
 _ROUNDING = 1e-20
-"""Fraction of the squares below which the rest of the residuals is rounding error."""
+"""Share of the squares of the residuals below which they are rounding errors."""
+_CHANNELS = 6
+"""Number of channels of a reading, moments and forces."""
 
 
 def fit_unless_drift(problem: Problem, first_fit: Fit, kept: Array) -> tuple[Fit, Array]:
-    """Restore rejected rows if bias drift explains them; returns the fit and its mask (n,) of kept rows."""
+    """Fit and its mask (n,) of kept rows, in which rejected rows are restored if a drift of the bias explains them."""
     with_drift = problem.with_unknowns(drift=True)
     if kept.all() or problem.unknowns.drift or len(kept) <= least_rows(with_drift):
         return first_fit, kept
@@ -79,8 +81,8 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
     candidates = {kind: unit_columns(columns) for kind, columns in columns_by_kind.items()}
     doubts: list[Doubt] = []
     e = e - basis @ (basis.T @ e)
-    total = float(e @ e)
-    while candidates and float(e @ e) > _ROUNDING * max(total, 1e-300):
+    first_squares = float(e @ e)
+    while candidates and float(e @ e) > _ROUNDING * max(first_squares, 1e-300):
         significant = {}
         for kind, E in candidates.items():
             if _p_value(kind, E, e, basis) < SIGNIFICANCE:
@@ -91,22 +93,23 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
         kind = _simplest_kind(significant)
         P, reduction = significant[kind]
         candidates.pop(kind)
-        explained = (P @ (P.T @ e)).reshape(-1, 6) * scale
+        explained_e = P @ (P.T @ e)
+        explained = explained_e.reshape(-1, _CHANNELS) * scale  # residuals of readings
         if kind != "gain" or largest_share(explained, _load_wrenches(fit)[kept]) > MIN_GAIN:
-            doubts.append(_offer(kind, reduction / total, columns_by_kind[kind], fit, kept, explained))
-        e = e - P @ (P.T @ e)
+            doubts.append(_offer(kind, reduction / first_squares, columns_by_kind[kind], fit, kept, explained))
+        e = e - explained_e
         basis = np.concatenate([basis, P], axis=1)
     return doubts
 
 
 def _simplest_kind(significant: dict[str, tuple[Array, float]]) -> str:
-    """Candidate with the fewest columns among those that explain nearly as much as the best.
+    """Candidate with the fewest columns among those that explain nearly as much as the best one.
 
-    ``significant`` has the basis P of each and the squares by which it reduces the residuals.
+    ``significant`` has, for each candidate, the basis P and the reduction of the residuals' squares.
     """
-    needed = MIN_SHARE_OF_BEST * max(reduction for _, reduction in significant.values())
-    columns = {kind: P.shape[1] for kind, (P, reduction) in significant.items() if reduction >= needed}
-    return min(columns, key=lambda kind: columns[kind])
+    min_reduction = MIN_SHARE_OF_BEST * max(reduction for _, reduction in significant.values())
+    column_counts = {kind: P.shape[1] for kind, (P, reduction) in significant.items() if reduction >= min_reduction}
+    return min(column_counts, key=lambda kind: column_counts[kind])
 
 
 def _p_value(kind: str, E: Array, e: Array, basis: Array) -> float:
@@ -114,24 +117,26 @@ def _p_value(kind: str, E: Array, e: Array, basis: Array) -> float:
     from scipy import special
 
     by_channel = kind in ("drift", "gain")
-    groups = [np.ones(e.size, bool)]
+    groups = [np.ones(e.size, bool)]  # masks of entries of e that are tested together
     if by_channel:
-        channel = np.arange(e.size) % 6
-        groups = [channel == c for c in range(6)]
+        channel = np.arange(e.size) % _CHANNELS
+        groups = [channel == c for c in range(_CHANNELS)]
     smallest_p = 1.0
     for rows in groups:
-        P = orthonormal(E[:, E[rows].any(axis=0)], basis)
+        acts_on_rows = E[rows].any(axis=0)
+        P = orthonormal(E[:, acts_on_rows], basis)
         r = P.shape[1]
         freedom = float(rows.sum() - (basis[rows] ** 2).sum()) - r
         if not r or freedom < MIN_FREEDOM:
             continue
-        before = float((e[rows] ** 2).sum())
-        after = float(((e - P @ (P.T @ e))[rows] ** 2).sum())
-        variance = max(after / freedom, 1e-12 * before, 1e-300)  # not zero if all is explained
-        F = (before - after) / r / variance
+        e_after = e - P @ (P.T @ e)
+        squares_before = float((e[rows] ** 2).sum())
+        squares_after = float((e_after[rows] ** 2).sum())
+        variance = max(squares_after / freedom, 1e-12 * squares_before, 1e-300)  # not zero if all is explained
+        F = (squares_before - squares_after) / r / variance
         p = len(groups) * float(special.fdtrc(r, freedom, F))
         if not by_channel:
-            p = max(p, ROW_TEST_FACTOR * _p_value_of_rows(P, e, freedom / 6))
+            p = max(p, ROW_TEST_FACTOR * _p_value_of_rows(P, e, freedom / _CHANNELS))
         smallest_p = min(smallest_p, p)
     return smallest_p
 
@@ -148,10 +153,14 @@ def _p_value_of_rows(P: Array, e: Array, freedom: float) -> float:
     if freedom < r:
         return 1.0
     b = P.T @ e
-    s = (P * (e - P @ b)[:, None]).reshape(-1, 6, r).sum(axis=1)
-    covariance = s.T @ s * len(s) / freedom
-    T2 = float(b @ np.linalg.lstsq(covariance, b, rcond=None)[0])
-    return float(special.fdtrc(r, freedom - r + 1, T2 * (freedom - r + 1) / (freedom * r)))
+    products = P * (e - P @ b)[:, None]
+    s = products.reshape(-1, _CHANNELS, r).sum(axis=1)
+    C = s.T @ s * len(s) / freedom
+    C_inverse_b, *_ = np.linalg.lstsq(C, b, rcond=None)
+    T2 = float(b @ C_inverse_b)
+    F_freedom = freedom - r + 1
+    F = T2 * F_freedom / (freedom * r)
+    return float(special.fdtrc(r, F_freedom, F))
 
 
 def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
@@ -169,7 +178,8 @@ def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
         if is_possible and not getattr(fit.unknowns, kind):
             unknowns = problem.with_unknowns(**{kind: True}).unknowns
             columns[kind] = unknowns.design(log, problem.factor, state)[..., unknowns.part(kind)]
-    columns["gain"] = np.einsum("nk,cd->ncdk", _load_wrenches(fit), np.eye(6)).reshape(len(log), 6, 36)
+    gain_columns = np.einsum("nk,cd->ncdk", _load_wrenches(fit), np.eye(_CHANNELS))
+    columns["gain"] = gain_columns.reshape(len(log), _CHANNELS, _CHANNELS**2)
     return columns
 
 
@@ -182,8 +192,8 @@ def _load_wrenches(fit: Fit) -> Array:
 def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, explained: Array) -> Doubt:
     """Doubt with the size of an unknown.
 
-    ``explained`` (n, 6) are the residuals of the kept rows that it explains, ``share`` of the squares of all. ``columns``
-    are those of the unknown in the design.
+    ``explained`` (n, 6) is the part of the kept rows' residuals that the unknown explains, and ``share`` is its share of all
+    squares. ``columns`` are the columns of the unknown in the design.
     """
     found: dict[str, Any] = {"share": share}
     if kind in ("drift", "gain"):
@@ -193,10 +203,13 @@ def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, expla
     scale = fit.deviation[kept]
     A = np.concatenate([columns[kept], fit.design[kept]], axis=-1) / scale[..., None]
     residuals = (fit.residuals[kept] / scale).ravel()
-    changes = np.linalg.lstsq(A.reshape(6 * len(scale), -1), residuals, rcond=None)[0]
-    x = changes[: columns.shape[-1]]
-    value, unit = math.degrees(float(np.linalg.norm(x))), "°"
+    changes, *_ = np.linalg.lstsq(A.reshape(_CHANNELS * len(scale), -1), residuals, rcond=None)
+    x = changes[: columns.shape[-1]]  # of the unknown
     if kind == "delay":
-        value, unit = 1e3 * float(x[0]), "ms"
+        value = 1e3 * float(x[0])
+        unit = "ms"
+    else:  # an angle
+        value = math.degrees(float(np.linalg.norm(x)))
+        unit = "°"
     found |= {"value": value, "unit": unit}
     return doubt(f"sensor-{kind}", size=number(value, 2), share=percent(share), found=found)

@@ -30,15 +30,19 @@ MAX_LISTED_CONTACTS = 5
 """Largest number of contacts that the first line lists."""
 MAX_POSES_IN_SHORT = 30
 """Largest number of poses in the short form of the report."""
+_MILLI = 1e3
+"""Factor of values in m and s for mm and ms."""
 
 
 def identification_view(found: Identification) -> Iterator[Block]:
     """Identified parameters with their intervals, and the compensated readings."""
     log = found.log
-    reasons, others = _reasons_and_remarks(found, log.notes)
-    com = ", ".join(number(1e3 * x, decimals=1) for x in found.sensor.load.com)
+    reasons, end_remarks = _reasons_and_remarks(found, log.notes)
+    ending = ", which may be nothing."
     least_mass, _ = found.mass_interval
-    ending = f" at ({com}) mm." if least_mass > 0 else ", which may be nothing."
+    if least_mass > 0:
+        com = ", ".join(number(_MILLI * x, decimals=1) for x in found.sensor.load.com)
+        ending = f" at ({com}) mm."
     yield Headline(found.verdict.word, f"{found.mass_text}{ending}")
     yield from reasons
     yield ""
@@ -53,22 +57,24 @@ def identification_view(found: Identification) -> Iterator[Block]:
         numbers(f"± ({percent(found.confidence, 3)})", half_widths, unit=all_units, headed=False),
     )
     yield _readings_table(log, found.rest(log), found.kept)
-    yield f"Noise of a reading: {number(found.noise[0], 2)} N m, {number(found.noise[1], 2)} N (1 σ)."
-    yield from others
+    moment_noise, force_noise = found.noise
+    yield f"Noise of a reading: {number(moment_noise, 2)} N m, {number(force_noise, 2)} N (1 σ)."
+    yield from end_remarks
 
 
 def _parameter_rows(found: Identification) -> Iterator[tuple[Any, ...]]:
-    """Name, unit, value and half_width-width of the interval of each parameter."""
+    """Name of each parameter, its unit, its value, and the half width of its interval; ``"given"`` without an interval."""
     load = found.sensor.load
     unknowns = found.fit.unknowns
 
     def half_width(name: str) -> float:
+        """Half width of the interval of an unknown, in SI units."""
         return float(np.ptp(found.interval(name))) / 2
 
     low, high = found.mass_interval
     yield "mass", "kg", *_estimate_cells((high + low) / 2, (high - low) / 2)
     for axis, x, (low, high) in zip("xyz", load.com, found.com_intervals, strict=True):
-        yield f"centre of mass {axis}", "mm", *_estimate_cells(1e3 * x, 5e2 * (high - low))
+        yield f"centre of mass {axis}", "mm", *_estimate_cells(_MILLI * x, 0.5 * _MILLI * (high - low))
     if unknowns.inertia:
         for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):
             name = f"I{'xyz'[i]}{'xyz'[j]}"
@@ -85,39 +91,39 @@ def _parameter_rows(found: Identification) -> Iterator[tuple[Any, ...]]:
             angle = _estimate_cells(math.degrees(turn), math.degrees(half_width(f"turn {axis}")))
             yield f"mounting turned about {axis}", "°", *angle
     if unknowns.drift:
-        per = "s" if found.log.time is not None else "reading"
+        step_unit = "s" if found.log.time is not None else "reading"
         for axis in WRENCH:
             low, high = found.interval(f"drift {axis}")
-            yield f"drift {axis}", f"{_unit(axis)}/{per}", *_estimate_cells((low + high) / 2, (high - low) / 2)
+            yield f"drift {axis}", f"{_unit(axis)}/{step_unit}", *_estimate_cells((low + high) / 2, (high - low) / 2)
     if unknowns.tilt:
         tilt = math.degrees(np.linalg.norm(so3.log(found.fit.state.tilt)))
         larger_half_width = max(half_width("tilt 1"), half_width("tilt 2"))
         yield "base tilted by", "°", *_estimate_cells(tilt, math.degrees(larger_half_width))
     if unknowns.delay:
-        delay_cells = _estimate_cells(1e3 * found.fit.state.delay, 1e3 * half_width("delay"))
+        delay_cells = _estimate_cells(_MILLI * found.fit.state.delay, _MILLI * half_width("delay"))
         yield "readings are late by", "ms", *delay_cells
 
 
-def _estimate_cells(value: float, sigma: float) -> tuple[Line, Line]:
-    """Cells of a value and its half_width-width, rounded alike."""
-    value_text, sigma_text = estimate(value, sigma)
-    return Line(value_text, value=value), Line(sigma_text, value=sigma)
+def _estimate_cells(value: float, half_width: float) -> tuple[Line, Line]:
+    """Cells of a value and of the half width of its interval, rounded to the same digit."""
+    value_text, half_width_text = estimate(value, half_width)
+    return Line(value_text, value=value), Line(half_width_text, value=half_width)
 
 
 def _reasons_and_remarks(
     found: Identification | Compensation, notes: tuple[str, ...]
 ) -> tuple[list[Remark], list[Remark]]:
-    """Doubts that are reasons of the verdict, and remarks at the end of the report: ``notes`` and all other doubts."""
-    texts = [str(doubt) for doubt in found.doubts]
-    reasons = [text for text in texts if text in found.verdict.reasons]
-    others = [text for text in texts if text not in reasons]
-    return remarks(reasons), remarks([*notes, *others])
+    """Reasons of the verdict, and remarks at the end of the report, which are ``notes`` and all other doubts."""
+    doubts = [str(doubt) for doubt in found.doubts]
+    reasons = [doubt for doubt in doubts if doubt in found.verdict.reasons]
+    other_doubts = [doubt for doubt in doubts if doubt not in reasons]
+    return remarks(reasons), remarks([*notes, *other_doubts])
 
 
 def compensation_view(found: Compensation) -> Iterator[Block]:
     """Readings before and after compensation, and contacts."""
     log = found.log
-    reasons, others = _reasons_and_remarks(found, log.notes)
+    reasons, end_remarks = _reasons_and_remarks(found, log.notes)
     yield Headline(found.verdict.word, _compensation_sentence(found))
     yield from reasons
     yield ""
@@ -125,42 +131,46 @@ def compensation_view(found: Compensation) -> Iterator[Block]:
     yield _readings_table(log, found.rest, np.ones(len(log), bool))
     if found.threshold is not None:
         yield _threshold_sentence(found.threshold, forces_only=found.inertia is not None)
-    yield from others
+    yield from end_remarks
 
 
 def _threshold_sentence(threshold: CollisionThreshold, *, forces_only: bool) -> str:
     """Sentence with the smallest moment and force that count as a contact; infinite ones are left out."""
-    smallest = []
-    for axis, thresholds in (("m", threshold.per_axis[:3]), ("f", threshold.per_axis[3:])):
+    smallest_texts = []
+    moment_thresholds, force_thresholds = threshold.per_axis[:3], threshold.per_axis[3:]
+    for kind, thresholds in (("m", moment_thresholds), ("f", force_thresholds)):
         if np.isfinite(thresholds).all():
-            smallest.append(quantity(thresholds.min(), _unit(axis)))
+            smallest_texts.append(quantity(thresholds.min(), _unit(kind)))
     note = "; moments are not looked at" if forces_only else ""
     return (
         f"Contact is what noise alone reaches once in {number(1 / threshold.false_alarms)} readings: from "
-        f"{' or '.join(smallest)} on{note}."
+        f"{' or '.join(smallest_texts)} on{note}."
     )
 
 
 def _compensation_sentence(found: Compensation) -> str:
     """First line of the answer: contacts, or the number of readings that are explained."""
-    log, hits = found.log, found.hits
+    log = found.log
+    hits = found.hits  # mask of readings with contact
     if not found.explained:
         return "this sensor file does not explain this log."
     if hits.any():
         spans = [_span(log, first, last) for first, last in runs(hits)]
-        peak_force = np.linalg.norm(found.rest[hits][:, 3:], axis=1).max()
+        contact_forces = found.rest[hits][:, 3:]
+        peak_force = np.linalg.norm(contact_forces, axis=1).max()
         listed = "; ".join(spans[:MAX_LISTED_CONTACTS])
         if len(spans) > MAX_LISTED_CONTACTS:
             listed += "; …"
         return f"{hits.sum()} of {len(log)} readings, {listed}; up to {number(peak_force)} N."
     if found.threshold is not None:
         return "no contact force; moments were not looked at." if found.inertia else "no contact."
-    moment, force = rms_residuals(found.rest[~found.off])
+    is_explained = ~found.off
+    moment, force = rms_residuals(found.rest[is_explained])
     moment_noise, force_noise = found.noise
     beside_noise = f"beside noise of {number(force_noise, 2)} N and {number(moment_noise, 2)} N m"
     if found.inertia and found.inertia.refuses:
         return f"the load's inertia is left in the moments, {number(moment, 2)} N m {beside_noise}."
-    explained_count = int((~found.off).sum())
+    explained_count = int(is_explained.sum())
     sentence = (
         f"{explained_count} of {len(log)} readings are explained, with {number(force, 2)} N and {number(moment, 2)} N m "
         f"left {beside_noise}."
@@ -172,10 +182,12 @@ def _compensation_sentence(found: Compensation) -> str:
 
 
 def _span(log: ReadingLog, first: int, last: int) -> str:
-    """Times, or else numbers, of the first and the last of some readings, as text."""
+    """Text of a run of readings: times of its ``first`` and ``last`` reading, or their numbers in a log without times."""
     if log.time is not None:
         return f"{seconds(log.time[first])} to {seconds(log.time[last])} s"
-    return f"reading {first}" if first == last else f"readings {first} to {last}"
+    if first == last:
+        return f"reading {first}"
+    return f"readings {first} to {last}"
 
 
 def _heading(log: ReadingLog, sign: str) -> Line:
@@ -192,14 +204,15 @@ def _readings_table(log: ReadingLog, compensated: Array, kept: Array) -> Table:
     before = np.sqrt(np.mean(log.readings[kept] ** 2, axis=0))
     after = np.sqrt(np.mean(compensated[kept] ** 2, axis=0))
     columns = []
-    for axis, *before_and_after in zip(WRENCH, before, after, strict=True):
-        columns.append(numbers(axis, before_and_after, partial(number, decimals=4), _unit(axis), headed=False))
+    show_number = partial(number, decimals=4)
+    for axis, before_value, after_value in zip(WRENCH, before, after, strict=True):
+        columns.append(numbers(axis, [before_value, after_value], show_number, _unit(axis), headed=False))
     heading = f"Readings, root mean square [{heading_unit('tau', (True, False))}]"
     return Table(heading, words("", ["before", "after"], fold=False), *columns)
 
 
 def _unit(axis: str) -> str:
-    """Unit of a moment or a force."""
+    """Unit of a row of a wrench: a moment if its name begins with m, otherwise a force."""
     return unit_of("tau", axis.startswith("m"))
 
 
@@ -210,19 +223,21 @@ def proposal_view(found: PoseProposal) -> Iterator[Block]:
         if not found.determines_mass:
             return
     else:
-        mass_error, com_error = found.intervals[-1]
-        intervals = f"mass ± {number(mass_error, 2)} kg, centre of mass ± {number(1e3 * com_error, 2)} mm (95 %)"
+        mass_error, com_error = found.intervals[-1]  # with all poses
+        com_text = number(_MILLI * com_error, 2)
+        intervals = f"mass ± {number(mass_error, 2)} kg, centre of mass ± {com_text} mm (95 %)"
         load = f"a load of {number(found.mass)} kg"
         yield Headline(Word.OK, f"{len(found.poses)} orientations determine {load}: {intervals}.")
     yield ""
-    show_coordinate, show_interval = partial(number, decimals=3), partial(number, digits=2)
+    show_coordinate = partial(number, decimals=3)
+    show_interval = partial(number, digits=2)
     columns = [numbers(name, values, show_coordinate) for name, values in zip(POSE, found.poses.T, strict=True)]
     yield Table(
         "Next poses",
         words("no.", range(1, len(found.poses) + 1), fold=False),
         *columns,
         numbers("mass ±", found.intervals[:, 0], show_interval, "kg"),
-        numbers("centre ±", 1e3 * found.intervals[:, 1], show_interval, "mm"),
+        numbers("centre ±", _MILLI * found.intervals[:, 1], show_interval, "mm"),
         most=MAX_POSES_IN_SHORT,
         of_limits=False,
     )

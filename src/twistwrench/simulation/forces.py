@@ -43,9 +43,10 @@ class Manifold:
     """Configuration manifold of one robot, one state at a time."""
 
     def __init__(self, robot: Robot) -> None:
-        self.robot, self.model = robot, robot.model
+        self.robot = robot
+        self.model = robot.model
         self.flat = all(body.joint.plain_rates for body in self.model.leaders)
-        """True if the rates of all coordinates are velocities."""
+        """True for a flat manifold: the rates of all coordinates are velocities."""
 
     @cached_property
     def _rates(self) -> Any:
@@ -81,15 +82,16 @@ class Manifold:
 
     @cached_property
     def groups(self) -> tuple[tuple[slice, Array, Array], ...]:
-        """Joints whose directions do not commute: velocities, mask of angular ones, and c (n, n²) with ad(V) = V c."""
+        """For each joint whose directions do not commute: (velocities, mask of angular ones, c (n, n²) with ad(V) = V c)."""
         constants = brackets(self.model)
         groups = []
         for body in self.model.leaders:
             velocities = body.places[1]
             c = constants[velocities, velocities, velocities]
             if c.any():
-                turning = np.array(body.joint.turning, bool)
-                groups.append((velocities, turning, c.transpose(0, 2, 1).reshape(len(c), -1).copy()))
+                is_angular = np.array(body.joint.turning, bool)
+                c = c.transpose(0, 2, 1).reshape(len(c), -1)
+                groups.append((velocities, is_angular, c.copy()))
         return tuple(groups)
 
 
@@ -103,8 +105,11 @@ class ControlLaw:
 
     function: Function
     what: str
+    """Name of the callback in messages."""
     shape: tuple[int, ...]
+    """Shape of its values; () for one number."""
     meaning: str = ""
+    """Clause about the shape in messages, after it."""
     varies: bool = True
     """True for a function of the caller, False for a constant."""
 
@@ -141,33 +146,37 @@ class ControlLaw:
             array = arguments.plain(value, self.what)  # a table would be read by position
         except Exception as problem:
             raise self.failure(t, problem) from problem
-        kinds = "biuf" if self.shape else "iuf"
-        if array.dtype.kind in kinds and array.shape == self.shape and np.isfinite(array).all():
+        allowed_kinds = "biuf" if self.shape else "iuf"  # the sign of one number is used, which True does not have
+        if array.dtype.kind in allowed_kinds and array.shape == self.shape and np.isfinite(array).all():
             return array.astype(float)
+        value_text = str(array)
         expected = f"{self.shape}{self.meaning}."
         if array.dtype.kind not in "biuf":
-            text, fault = repr(array.tolist()), f", expected real numbers of shape {expected}"
+            value_text = repr(array.tolist())
+            fault = f", expected real numbers of shape {expected}"
         elif array.shape != self.shape:
-            text, fault = f"an array of shape {array.shape}", f", expected {expected}"
-        elif array.dtype.kind not in kinds:
-            text = str(bool(array))
+            value_text = f"an array of shape {array.shape}"
+            fault = f", expected {expected}"
+        elif array.dtype.kind not in allowed_kinds:
+            value_text = str(bool(array))
             fault = ", and takes a number whose sign changes where it happens: q[0] - 0.5, not q[0] > 0.5."
         elif self.shape:
-            text, fault = str(array), f", not finite at place {int(np.flatnonzero(~np.isfinite(array))[0])}."
+            bad_entries = np.flatnonzero(~np.isfinite(array))
+            fault = f", not finite at place {int(bad_entries[0])}."
         else:
-            text, fault = str(array), ", not finite."
-        raise SimulationError(f"{self.what} gave {text} at t = {printed(t, 9)} s{fault}")
+            fault = ", not finite."
+        raise SimulationError(f"{self.what} gave {value_text} at t = {printed(t, 9)} s{fault}")
 
     def values(self, t: Array, q: Array, dq: Array) -> Array:
         """Values of the function at times (m,) and states (m, nq), (m, nv), validated together."""
-        rows = list(zip(t.tolist(), q, dq, strict=True))
+        inputs = list(zip(t.tolist(), q, dq, strict=True))
         try:
-            values = np.array([self.function(*row) for row in rows], float)
+            values = np.array([self.function(*row) for row in inputs], float)
         except Exception:  # raised with its time below
             values = np.zeros(0)
-        if values.shape == (len(rows), *self.shape) and np.isfinite(values).all():
+        if values.shape == (len(inputs), *self.shape) and np.isfinite(values).all():
             return values
-        return np.array([self(*row) for row in rows])
+        return np.array([self(*row) for row in inputs])  # one by one, to raise the error of the invalid one
 
 
 def require_three(function: Any, what: str) -> None:
@@ -176,7 +185,7 @@ def require_three(function: Any, what: str) -> None:
 
 
 def require_arguments(function: Any, what: str, parameters: Sequence[str], names: str = "share") -> None:
-    """Raise ValueRangeError unless the argument is a function with these parameters."""
+    """Raise ValueRangeError unless the argument is a function with these parameters; ``names`` are for its message."""
     if not callable(function) or isinstance(function, type):
         raise ValueRangeError(f"{what} is {arguments.value_text(function)}, and must be a function of ({names}).")
     if isinstance(function, FunctionType):
@@ -190,7 +199,9 @@ def require_arguments(function: Any, what: str, parameters: Sequence[str], names
     try:
         own_signature.bind(*[None] * len(parameters))
     except TypeError as problem:
-        listed = " and ".join(filter(None, [", ".join(parameters[:-1]), parameters[-1]]))
+        *others, listed = parameters
+        if others:
+            listed = f"{', '.join(others)} and {listed}"
         raise ValueRangeError(
             f"{what} is a function of {own_signature}, and is called with {listed}: {problem}. Write lambda {names}: …"
         ) from None
@@ -208,15 +219,17 @@ def creep_speeds(M: Array, dry: Array, h: float) -> Array:
 
 def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -> Array:
     """Speeds (..., nv) below which dry friction is smoothed, for samples with their own parameters."""
-    inertia, inputs = robot.mass_matrix, [q0]
+    mass_matrix = robot.mass_matrix
+    inputs = [q0]
     if parameters:
-        inertia = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
+        mass_matrix = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
         inputs.append(np.stack(np.broadcast_arrays(*parameters.values()), axis=-1))
     try:
         with np.errstate(all="ignore"):  # non-finite states end as unstable motions
-            M = inertia(*(np.asarray(x, float) for x in inputs))
-            if robot.model.couplings:  # of the drives, A⁻ᵀ M A⁻¹
-                M = motor_torques(robot.model, np.swapaxes(motor_torques(robot.model, M), -1, -2))
+            M = mass_matrix(*(np.asarray(x, float) for x in inputs))
+            if robot.model.couplings:  # of the drives: A⁻ᵀ M A⁻¹
+                half_transformed = motor_torques(robot.model, M)
+                M = motor_torques(robot.model, np.swapaxes(half_transformed, -1, -2))
             return creep_speeds(M, _dry_friction(robot, parameters), h)
     except np.linalg.LinAlgError:
         robot.engine.require_invertible()
@@ -246,7 +259,9 @@ class EasedFriction:
     """
 
     def __init__(self, robot: Robot, creep: Array) -> None:
-        self.robot, self.creep, self.dry = robot, creep, has_dry_friction(robot.model)
+        self.robot = robot
+        self.creep = creep  # (..., nv), speeds below which dry friction is smoothed [rad/s or m/s]
+        self.dry = has_dry_friction(robot.model)
 
     @cached_property
     def _kernel(self) -> Any:
@@ -265,7 +280,8 @@ class EasedFriction:
 
     def net_torques(self, dq: Array, tau: Array) -> Array:
         """Torques tau minus friction, (nv)."""
-        return np.asarray(self._kernel(dq, tau, sliding_share(motor_velocities(self.robot.model, dq), self.creep)))
+        motor_speeds = motor_velocities(self.robot.model, dq)
+        return np.asarray(self._kernel(dq, tau, sliding_share(motor_speeds, self.creep)))
 
 
 def has_dry_friction(model: Model) -> Array:
@@ -291,8 +307,12 @@ class DryFrictionStep:
     """:func:`~twistwrench.mechanics.algorithms.contact.velocity_step` of one robot, compiled."""
 
     def __init__(self, robot: Robot, usual: float, *, friction: bool, gains: Array | None) -> None:
-        self.usual, self.friction, self.has_gains = usual, friction, gains is not None
-        """Default length of a step [s]; True with friction; True with velocity gains."""
+        self.usual = usual
+        """Usual length of a step [s]."""
+        self.friction = friction
+        """True with friction."""
+        self.has_gains = gains is not None
+        """True with velocity gains."""
         self.dry = has_dry_friction(robot.model) & friction
         """Joints with dry friction, (nv,)."""
         self.gains = np.zeros(robot.nv)
@@ -324,7 +344,8 @@ class DryFrictionStep:
 
     def end(self, manifold: Manifold, middle: Array, v: Array, h: float) -> Array:
         """Coordinates at the end of the step, (nq,)."""
-        return manifold.move(middle, (0.5 * h if self.friction else h) * v)
+        remaining_time = 0.5 * h if self.friction else h
+        return manifold.move(middle, remaining_time * v)
 
 
 # The state is one vector y = (q, dq, W): coordinates, velocities, and the work done so far by joint torques, friction,
@@ -335,7 +356,11 @@ class DryFrictionStep:
 # is only the error of the method.
 
 WORKS = ("torques", "friction", "wrenches", "contacts")
-"""Sources of work, in the order of the last entries of a state."""
+"""Sources of work, in the order of the last entries of a state and of its powers."""
+_POWERS = slice(-len(WORKS), None)
+"""Entries of works in a state, and of powers in its rate."""
+_WRENCHES, _CONTACTS = 2, 3
+"""Indices of wrenches and contacts in ``WORKS``."""
 
 
 class System:
@@ -356,13 +381,19 @@ class System:
         self.robot, self.manifold = robot, Manifold(robot)
         self.nq, self.nv = robot.nq, robot.nv
         self.moving = slice(robot.nq, robot.nq + robot.nv)
+        """Entries of a state that are velocities."""
         self.size = robot.nq + robot.nv + len(WORKS)
-        self.tau, self.wrenches, self.contacts, self.friction = tau, dict(wrenches or {}), tuple(contacts), friction
+        """Number of entries of a state."""
+        self.tau = tau
+        self.wrenches = dict(wrenches or {})
+        self.contacts = tuple(contacts)
+        self.friction = friction
         self.functions = self._functions()
         """Callbacks: name, and generalised forces (m, nv) at times (m,) and states (m, size)."""
         self.dry_friction: DryFrictionStep | None = None
         """Steps with implicit friction and velocity gains; accelerations are then those of such a step."""
         self._last: tuple[float, float, Array, Array, Array, Array, Array] | None = None
+        """Last braked step: t, h, controller's torques, state, and its results v, applied torques, powers."""
         self.held = np.zeros(robot.nv)
         """Last output of the controller, (nv)."""
         self.applied = self.held
@@ -396,9 +427,9 @@ class System:
         if self.friction is not None:
             total = self.friction.net_torques(dq, tau)
             powers[1] = total @ dq - powers[0]
-        for k, push in self._pushes(t, q, dq, q):
+        for source, push in self._pushes(t, q, dq, q):
             total = total + push
-            powers[k] += push @ dq
+            powers[source] += push @ dq
         return total
 
     def braked_step(self, t: float, y: Array, h: float, powers: Array) -> Array:
@@ -411,17 +442,19 @@ class System:
         q, dq = self.split(y)
         middle = self.dry_friction.middle(self.manifold, q, dq, h)
         pushes = list(self._pushes(t, q, dq, middle))
-        push = sum((x for _, x in pushes), np.zeros(self.nv))
+        total_push = sum((push for _, push in pushes), np.zeros(self.nv))
         tau, gains = self._torques(t, q, dq), self.dry_friction.gains
-        v, self.applied, lost = self.dry_friction.kernel(middle, dq, h, tau, push, gains)
-        mean = 0.5 * (dq + v)
-        powers[:] = self.applied @ mean, lost @ mean, 0.0, 0.0
-        for k, x in pushes:
-            powers[k] += x @ mean
+        v, self.applied, friction_torques = self.dry_friction.kernel(middle, dq, h, tau, total_push, gains)
+        mean_velocities = 0.5 * (dq + v)
+        powers[:] = self.applied @ mean_velocities, friction_torques @ mean_velocities, 0.0, 0.0
+        for source, push in pushes:
+            powers[source] += push @ mean_velocities
         self._last = t, h, self.held, y.copy(), v, self.applied, powers.copy()
         return v
 
     def _functions(self) -> list[tuple[str, Callable[[Array, Array], Array]]]:
+        """Callbacks for :attr:`functions`."""
+
         def values(law: ControlLaw, times: Array, states: Array) -> Array:
             return law.values(times, states[:, : self.nq], states[:, self.moving])
 
@@ -441,18 +474,19 @@ class System:
         return self.held if self.tau is None else self.held + self.tau(t, q, dq)
 
     def _pushes(self, t: float, q: Array, dq: Array, at: Array) -> Iterator[tuple[int, Array]]:
-        """For each wrench and contact: joint torques (nv,) at the configuration ``at`` (nq,), and index of its work."""
+        """For each wrench and contact: index in ``WORKS``, and joint torques (nv,) at the configuration ``at`` (nq,)."""
         for frame, law in self.wrenches.items():
-            yield 2, self.robot.wrench_torques(at, law(t, q, dq), frame)
+            yield _WRENCHES, self.robot.wrench_torques(at, law(t, q, dq), frame)
         for contact in self.contacts:
             push = contact.torques(q, dq)
             if push is not None:
-                yield 3, push
+                yield _CONTACTS, push
 
     def rates(self, t: float, y: Array, out: Array) -> None:
         """Write f(t, y) into ``out``."""
         self.evaluations += 1
-        q, dq, powers = y[: self.nq], y[self.moving], out[-4:]
+        q, dq = y[: self.nq], y[self.moving]
+        powers = out[_POWERS]
         powers[:] = 0.0
         self.manifold.rates(q, dq, out[: self.nq])
         if self.dry_friction is not None:
@@ -469,7 +503,8 @@ class System:
         tau = np.broadcast_to(self.held, dq.shape)
         if self.tau is not None:
             tau = self.held + self.tau.values(times, q, dq)
-        return np.asarray(self.robot.forward_dynamics(q, dq, self.total(times, q, dq, tau))), tau
+        force = self.total(times, q, dq, tau)
+        return np.asarray(self.robot.forward_dynamics(q, dq, force)), tau
 
     def total(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
         """Torques tau (m, nv) minus friction, plus those of wrenches and contacts."""
@@ -493,12 +528,13 @@ class System:
 
 
 def torque_law(tau: Any, nv: int) -> tuple[Array, ControlLaw | None]:
-    """Constant torques (nv) and torque function; one of them is zero or None."""
+    """Constant torques (nv,), zero if ``tau`` is a function, and torque function, None if it is not."""
     if tau is None:
         return np.zeros(nv), None
     if callable(tau):
         return np.zeros(nv), ControlLaw.from_function(tau, "tau", (nv,), ", a torque for each velocity")
-    return np.array(arguments.finite(arguments.one(tau, "tau", nv), "tau", nv), float), None
+    tau = arguments.finite(arguments.one(tau, "tau", nv), "tau", nv)
+    return np.array(tau, float), None
 
 
 def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, ControlLaw]:
@@ -514,7 +550,8 @@ def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, ControlLaw]:
         if callable(wrench) and not isinstance(wrench, Wrench):
             laws[frame] = ControlLaw.from_function(wrench, what, (6,), ", (m, f), moment first")
         else:
-            labelled = wrench_at(robot.model, frame, wrench)  # validates a label
-            F = np.array(arguments.finite(arguments.one(labelled, what, 6), what, 6), float)
+            unlabelled = wrench_at(robot.model, frame, wrench)  # validates a label
+            unlabelled = arguments.finite(arguments.one(unlabelled, what, 6), what, 6)
+            F = np.array(unlabelled, float)
             laws[frame] = ControlLaw(lambda _t, _q, _dq, F=F: F, what, (6,), varies=False)  # type: ignore[misc]
     return laws

@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 
 MAX_STATES = 10**8
 """Largest number of states of a result."""
+_STEP_TOLERANCE = 1e-9
+"""Relative difference of two lengths of a step that is a rounding error."""
 
 
 def build_run(
@@ -79,11 +81,11 @@ def build_run(
         raise ValueRangeError(f"nothing to simulate: robot {robot.name!r} has no joint that moves.")
     n, end = _count_steps(duration, dt, whole(every, "every"))
     h = end / n
-    held, law = torque_law(tau, robot.nv)
+    constant_torques, law = torque_law(tau, robot.nv)
     surfaces = _contacts(robot, contacts)
     forces: dict[str, Any] = {"tau": law, "wrenches": wrench_laws(robot, wrench_on_robot), "contacts": surfaces}
     system = System(robot, **forces) if loops is None else loops.system_under(**forces)
-    system.held = held
+    system.held = constant_torques
     scheme = scheme_of(method, system)
     y0 = _start(robot, system, q0, dq0)
     if loops is not None:
@@ -92,29 +94,29 @@ def build_run(
     remarks = _remarks_at_start(surfaces, y0[: robot.nq], h, dt)
     friction = arguments.flag(friction, "friction")
     remarks += _set_friction(system, scheme, y0, h, method=method, tau=tau, friction=friction, creep=creep, loops=loops)
-    watched = _check_events(events)
-    stops = _position_limits(robot, limits, y0)
+    watched_events = _check_events(events)
+    position_limits = _position_limits(robot, limits, y0)
     run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     run.friction = friction
-    if watched or surfaces or stops is not None:
-        run.detector = EventDetector(watched, system.split, stops, surfaces)
+    if watched_events or surfaces or position_limits is not None:
+        run.detector = EventDetector(watched_events, system.split, position_limits, surfaces)
     if controller is not None:
         meaning = ", a torque for each velocity"
         run.controller = ControlLaw.from_function(controller, "the controller", (robot.nv,), meaning)
-        run.constant = held
+        run.constant = constant_torques
     tolerances = positive(rtol, "rtol"), positive(atol, "atol")
-    longest = _longest_step(max_step, method, h, default=h if surfaces else np.inf)
+    longest_step = _longest_step(max_step, method, h, default=h if surfaces else np.inf)  # h with contacts
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
         run.tick = lambda t: progress(min(t / end, 1.0))
-    run.go = partial(_take_steps, run, tolerances, longest, loops)
+    run.go = partial(_take_steps, run, tolerances, longest_step, loops)
     return run
 
 
 def _remarks_at_start(surfaces: list[PlaneContact | StopContact], q0: Array, h: float, dt: float) -> list[str]:
     """Remarks on a step h other than dt, and on contact points that start in the ground."""
     remarks = []
-    if abs(h - dt) > 1e-9 * dt:
+    if abs(h - dt) > _STEP_TOLERANCE * dt:
         remarks.append(f"states {printed(h)} s apart, not {printed(dt)} s, so that a whole number fills it")
     for surface in surfaces:
         if isinstance(surface, PlaneContact):
@@ -128,18 +130,19 @@ def _longest_step(max_step: float | None, method: str, h: float, default: float)
     """Largest step of the adaptive method [s]; raises ValueRangeError if it is below the step h of another method."""
     if max_step is None:
         return default
-    longest = positive(max_step, "max_step", "s", infinite=True)
-    if method != ADAPTIVE and longest < h * (1.0 - 1e-9):
+    longest_step = positive(max_step, "max_step", "s", infinite=True)
+    if method != ADAPTIVE and longest_step < h * (1.0 - _STEP_TOLERANCE):
         raise ValueRangeError(
-            f"max_step is {printed(longest)} s, and steps of method {method!r} are {printed(h)} s each. Take a smaller "
+            f"max_step is {printed(longest_step)} s, and steps of method {method!r} are {printed(h)} s each. Take a smaller "
             f"dt, and {argument('every')} to keep fewer states; max_step is for {argument('method', ADAPTIVE)}."
         )
-    return longest
+    return longest_step
 
 
-def _take_steps(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops | None) -> None:
-    """Take all steps of a run, compiled as far as possible."""
-    options = (*tolerances, longest, probe_spacing(run.h, run.end), run.end)
+def _take_steps(run: Run, tolerances: tuple[float, float], longest_step: float, loops: Loops | None) -> None:
+    """Take all steps of a run, compiled as far as possible; ``tolerances`` are rtol and atol of adaptive steps."""
+    rtol, atol = tolerances
+    options = (rtol, atol, longest_step, probe_spacing(run.h, run.end), run.end)
     if run.method == ADAPTIVE and loops is not None:
         run_adaptive(run, loops.stepper(*options))
     elif run.method == ADAPTIVE:
@@ -151,7 +154,7 @@ def _take_steps(run: Run, tolerances: tuple[float, float], longest: float, loops
 
 
 def _compile_steps(run: Run, loops: Loops | None) -> CompiledSteps | None:
-    """Compiled steps of a run; None if compilation is impossible, or constrained steps are observed."""
+    """Compiled steps of a run; None if they cannot be compiled, or if events or a controller observe constrained steps."""
     steps: type[CompiledSteps] = CompiledSteps
     if loops is not None:
         if run.detector is not None or run.controller is not None:
@@ -174,11 +177,13 @@ def _set_friction(
     creep: float | None,
     loops: Loops | None,
 ) -> list[str]:
-    """Set the system's friction in the form that the method requires; returns remarks on it."""
+    """Set the system's friction in the form that the method requires; returns remarks on the friction."""
     robot = system.robot
     has_friction = bool(friction and robot.model.friction.any)
     gains = _rate_gains(tau, robot.nv)
-    remarks = [NONE_GIVEN] if friction and not has_friction else []
+    remarks = []
+    if friction and not has_friction:
+        remarks.append(NONE_GIVEN)
     if isinstance(scheme, SemiImplicit):
         if has_friction:
             refuse_couplings(robot.model, f"friction by method {method!r}")
@@ -199,7 +204,7 @@ def _set_friction(
         system.friction = EasedFriction(robot, speeds)
         remark = easing_remark(robot.model, speeds)
         if remark and loops is not None:
-            # its end recommends semi-implicit steps, which ease the friction of closed robots too
+            # The last clause recommends semi-implicit steps, but these ease the friction of closed robots too.
             remark, _, _ = remark.rpartition("; ")
         if remark:
             remarks.append(remark)
@@ -207,16 +212,18 @@ def _set_friction(
 
 
 def _rate_gains(tau: Any, nv: int) -> Array | None:
-    """Velocity gains (nv,) of a torque law that has them, to be treated implicitly."""
-    gains = getattr(tau, "rate_gains", None) if callable(tau) else None
+    """Velocity gains (nv,) of a torque law, to be treated implicitly; None for torques without gains."""
+    if not callable(tau):
+        return None
+    gains = getattr(tau, "rate_gains", None)
     if gains is None:
         return None
-    checked = arguments.finite(arguments.one(gains, "rate_gains", nv), "rate_gains", nv)
-    return np.array(checked, float)
+    finite_gains = arguments.finite(arguments.one(gains, "rate_gains", nv), "rate_gains", nv)
+    return np.array(finite_gains, float)
 
 
 def _count_steps(duration: float, dt: float, every: int) -> tuple[int, float]:
-    """Number of steps and the duration."""
+    """Number of steps, and validated duration [s]."""
     length = positive(duration, "duration", "s")
     h = positive(dt, "dt", "s")
     if not length / h < MAX_STATES * every:
@@ -229,7 +236,7 @@ def _count_steps(duration: float, dt: float, every: int) -> tuple[int, float]:
 
 
 def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | None) -> Array:
-    """First state: q0 with unit quaternions, by default neutral, and dq0, by default zero."""
+    """Initial state: q0 with unit quaternions, and dq0; the default is the neutral configuration at rest."""
     y = np.zeros(system.size)
     y[: robot.nq] = robot.neutral
     if q0 is not None:
@@ -248,7 +255,7 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
 
 
 def _initial_values(values: ArrayLike, name: str, names: tuple[str, ...]) -> Array:
-    """Finite q0 or dq0 of one state, (n,)."""
+    """Validated q0 or dq0 of one state, (n,), finite."""
     n = len(names)
     try:
         shape = np.shape(values) if isinstance(values, np.ndarray | list | tuple) else ()
@@ -290,17 +297,17 @@ def _check_events(events: Any) -> list[Event]:
         raise ValueRangeError(
             f"events is {events!r}, and must be an Event, a function of (t, q, dq), or a list of them."
         )
-    checked = []
+    named_events = []
     for event in events:
         if isinstance(event, Event):
-            checked.append(event)
+            named_events.append(event)
         else:
-            checked.append(Event(event, getattr(event, "__name__", "event")))
-    return checked
+            named_events.append(Event(event, getattr(event, "__name__", "event")))
+    return named_events
 
 
 def _position_limits(robot: Robot, limits: str | None, y0: Array) -> PositionLimits | None:
-    """Position limits that end the simulation, if any."""
+    """Position limits that end the simulation; None if ``limits`` is None."""
     if limits is None:
         return None
     if not isinstance(limits, str) or limits != "stop":
@@ -316,7 +323,7 @@ def _position_limits(robot: Robot, limits: str | None, y0: Array) -> PositionLim
 
 
 def simulate_robot(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> SimulationResult:
-    """Result of :meth:`twistwrench.Robot.simulate`; each step of a robot with constraints ends on them."""
+    """Result of :meth:`twistwrench.Robot.simulate`; a robot with constraints satisfies them after each step."""
     if robot.constraints:
         from .closed import simulate_closed
 
@@ -325,7 +332,7 @@ def simulate_robot(robot: Robot | ConstrainedRobot, *start: Any, **options: Any)
 
 
 def run_to_end(run: Run) -> SimulationResult:
-    """Result of a prepared run; an exception that ends it early holds the motion so far in ``.result``."""
+    """Result of a prepared run; an exception that ends the run early has the motion so far in ``.result``."""
     try:
         with np.errstate(all="ignore"):  # overflow in unstable steps is detected and reported
             run.go()
@@ -338,4 +345,6 @@ def run_to_end(run: Run) -> SimulationResult:
     except KeyboardInterrupt as interrupt:
         interrupt.result = run.result("interrupted", completed=False)  # type: ignore[attr-defined]
         raise
-    return run.result(run.stopped or f"reached the end, {printed(run.end)} s", completed=not run.stopped)
+    if run.stopped:
+        return run.result(run.stopped, completed=False)
+    return run.result(f"reached the end, {printed(run.end)} s", completed=True)

@@ -27,6 +27,11 @@ from .forces import WORKS
 from .result import SimulationResult
 
 _FORMAT_NAME = "twistwrench simulation 1"
+"""First line of a CSV file, and an entry of an archive."""
+_TEXT_ENTRY = "said"
+"""Name of the text fields in an archive."""
+_ZIP_BEGIN = b"PK"
+"""First bytes of an archive."""
 _ARRAY_FIELDS = ("times", "q", "dq", "ddq", "tau", "kinetic_energy", "potential_energy", "momentum")
 _TEXT_FIELDS = {
     "robot": str,
@@ -54,7 +59,8 @@ def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = Fal
     factors: dict[str, Array] = {}
     if degrees:
         header, factors = _header_and_factors_in_degrees(result, header)
-    q_factor, dq_factor = factors.get("q", 1.0), factors.get("dq", 1.0)
+    q_factor = factors.get("q", 1.0)
+    dq_factor = factors.get("dq", 1.0)
     works = [result.work[name] for name in WORKS]
     columns = [result.times, result.q * q_factor, result.dq * dq_factor, result.ddq * dq_factor, result.tau]
     columns += [result.kinetic_energy, result.potential_energy, *works, result.momentum]
@@ -68,7 +74,7 @@ def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = Fal
 
 
 def _header_and_factors_in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str], dict[str, Array]]:
-    """Header in degrees, and the factors of coordinates and velocities."""
+    """Header in degrees, and the factors from SI units for coordinates (nq,) and velocities (nv,), by quantity."""
     if result.simulated is None:
         raise ValueRangeError(
             "degrees: this result was read from a file, and has no robot that defines its angles: "
@@ -84,7 +90,8 @@ def _header_and_factors_in_degrees(result: SimulationResult, header: list[str]) 
         "q": np.where(coordinates.angular, np.degrees(1.0), 1.0),
         "dq": np.where(coordinates.angular_velocity, np.degrees(1.0), 1.0),
     }
-    time_heading, other_headings = header[0], header[1 + len(state_headings) :]
+    time_heading = header[0]
+    other_headings = header[1 + len(state_headings) :]
     return [time_heading, *state_headings, *other_headings], factors
 
 
@@ -94,7 +101,8 @@ def _si_factors(header: list[str], expected: list[str]) -> Array | None:
         return None
     factors = np.ones(len(header))
     for k, (heading, si_heading) in enumerate(zip(header, expected, strict=True)):
-        if heading in [f"{si_heading} [{unit}]" for unit in DEGREES.values()]:
+        headings_in_degrees = [f"{si_heading} [{unit}]" for unit in DEGREES.values()]
+        if heading in headings_in_degrees:
             factors[k] = np.radians(1.0)
         elif heading != si_heading:
             return None
@@ -113,26 +121,28 @@ def _column_headings(coordinate_names: Sequence[str], velocity_names: Sequence[s
 def write_npz(result: SimulationResult, path: str | Path) -> Path:
     """Write one array for each numeric field, and the text fields as JSON in another."""
     arrays = {name: getattr(result, name) for name in _ARRAY_FIELDS}
-    arrays |= {f"work_{w}": result.work[w] for w in WORKS}
+    arrays |= {f"work_{name}": result.work[name] for name in WORKS}
+    content: dict[str, Any] = {"format": np.array(_FORMAT_NAME), _TEXT_ENTRY: np.array(_text_fields(result)), **arrays}
     path = as_path(path)
     with replacing(path) as scratch, scratch.open("wb") as file:
-        np.savez_compressed(file, format=np.array(_FORMAT_NAME), said=np.array(_text_fields(result)), **arrays)
+        np.savez_compressed(file, **content)
     return path
 
 
 def read(path: str | Path) -> SimulationResult:
-    """Read a file of :func:`write_csv` or :func:`write_npz`; raises NotFoundError, or TrajectoryError for other content."""
+    """Result from a file of :func:`write_csv` or :func:`write_npz`; raises NotFoundError and TrajectoryError."""
     path = as_path(path)
     advice = "Give a .npz or .csv that SimulationResult wrote, whole."
     try:
         with third_party_errors(lambda reason: TrajectoryError(f"cannot be read as a simulation: {reason}. {advice}")):
             return _read(path)
     except TrajectoryError as problem:
-        raise TrajectoryError(f"{path}: {str(problem).removeprefix(f'{path}: ')}") from None
+        reason = str(problem).removeprefix(f"{path}: ")  # some readers name the file already
+        raise TrajectoryError(f"{path}: {reason}") from None
 
 
 def _read(path: Path) -> SimulationResult:
-    """Result from a file; one that does not begin like an archive is read as CSV."""
+    """Result from a file; a file that does not begin like an archive is read as CSV."""
     max_bytes = MOST_BYTES if is_stream(path) else sys.maxsize
     try:
         data = read_bytes(path, max_bytes)
@@ -140,7 +150,7 @@ def _read(path: Path) -> SimulationResult:
         raise NotFoundError(
             f"no file of a simulation {str(path)!r}. Give a .npz or .csv that a simulation wrote."
         ) from None
-    if data[:2] != b"PK":
+    if not data.startswith(_ZIP_BEGIN):
         return _read_csv(data)
     if not is_stream(path):
         check_archive(FileEnds.from_path(path))
@@ -149,7 +159,7 @@ def _read(path: Path) -> SimulationResult:
             raise TrajectoryError("an archive of NumPy, but not of a simulation.")
         arrays = {name: archive[name] for name in _ARRAY_FIELDS}
         works = {name: archive[f"work_{name}"] for name in WORKS}
-        text_fields = _validated_fields(json.loads(str(archive["said"])))
+        text_fields = _validated_fields(json.loads(str(archive[_TEXT_ENTRY])))
         return _checked_result(text_fields, arrays, works)
 
 
@@ -161,8 +171,10 @@ def _read_csv(data: bytes) -> SimulationResult:
             f"does not begin with '# {_FORMAT_NAME}', so it is not the file of a simulation. A motion of another kind is "
             "what twistwrench torques reads."
         )
-    fields = _validated_fields(json.loads(lines.readline()[1:]))  # without the sign of a comment
-    coordinate_names, velocity_names = fields["coordinate_names"], fields["velocity_names"]
+    comment = lines.readline()
+    fields = _validated_fields(json.loads(comment[1:]))  # without the sign of a comment
+    coordinate_names = fields["coordinate_names"]
+    velocity_names = fields["velocity_names"]
     header = [unescape_cell(cell) for cell in next(csv.reader(lines), [])]
     factors = _si_factors(header, _column_headings(coordinate_names, velocity_names))
     if factors is None:
@@ -172,10 +184,12 @@ def _read_csv(data: bytes) -> SimulationResult:
         raise TrajectoryError("the file is cut short. Write it again, whole.")
     table = np.loadtxt(rows, delimiter=",", comments=None, ndmin=2)
     nq, nv = len(coordinate_names), len(velocity_names)
-    widths = [1, nq, nv, nv, nv, 1, 1, *([1] * len(WORKS)), 6]
+    # Of time, q, dq, ddq, tau, both energies, works and momentum.
+    widths = [1, nq, nv, nv, nv, 1, 1, *([1] * len(WORKS)), len(MOMENTUM)]
     if table.shape[1] != sum(widths):
         raise TrajectoryError(f"rows of {table.shape[1]} numbers, {sum(widths)} wanted.")
-    parts = [part.copy() for part in np.split(table * factors, np.cumsum(widths)[:-1], axis=1)]
+    first_columns = np.cumsum(widths)[:-1]  # of all parts but the first
+    parts = [part.copy() for part in np.split(table * factors, first_columns, axis=1)]
     times, q, dq, ddq, tau, kinetic, potential, *work_columns, momentum = parts
     arrays = {
         "times": times[:, 0],
@@ -202,7 +216,7 @@ def _validated_fields(content: Any) -> dict[str, Any]:
     """Text fields, error estimate and events from the JSON of a file; raises TrajectoryError unless they have their types."""
     if not isinstance(content, dict):
         raise _content_error("a text field")
-    content = {**_LATER_FIELDS, **content}
+    content = {**_LATER_FIELDS, **content}  # older files lack them
     fields: dict[str, Any] = {}
     for name, field_type in _TEXT_FIELDS.items():
         value = content.get(name)
@@ -214,7 +228,8 @@ def _validated_fields(content: Any) -> dict[str, Any]:
     nq, nv = len(fields["coordinate_names"]), len(fields["velocity_names"])
     if len(fields["coordinate_units"]) not in (0, nq):
         raise _content_error("'coordinate_units'")
-    error = _checked_array("'error_estimate'", content.get("error_estimate", [math.nan] * nv), (nv,))
+    unknown_error = [math.nan] * nv  # of older files
+    error = _checked_array("'error_estimate'", content.get("error_estimate", unknown_error), (nv,))
     events = []
     for event in content["events"]:
         if not isinstance(event, dict) or not isinstance(event.get("name"), str):
@@ -227,7 +242,7 @@ def _validated_fields(content: Any) -> dict[str, Any]:
 
 
 def _has_type(value: object, expected_type: type) -> bool:
-    """True if a value of the file has a type. Lists must hold text; integers are floats as well, but bool is neither."""
+    """True if a value of the file has a type. Lists must hold text. An integer is also a float; a bool is neither."""
     if isinstance(value, bool):
         return expected_type is bool
     if expected_type is float:
@@ -246,7 +261,7 @@ def _checked_array(label: str, x: Any, shape: tuple[int, ...]) -> Array:
 
 
 def _content_error(label: str) -> TrajectoryError:
-    """Error for an entry of the file that is of another kind or size."""
+    """Error for an entry of the file with another kind or size; ``label`` names the entry."""
     return TrajectoryError(f"the file of a simulation has {label} of another kind or size. Write it again, whole.")
 
 
@@ -258,7 +273,11 @@ def _checked_result(
     nq, nv = len(fields["coordinate_names"]), len(fields["velocity_names"])
     if not n:
         raise TrajectoryError("the file of a simulation has no state.")
-    widths: dict[str, tuple[int, ...]] = {"q": (nq,), "dq": (nv,), "ddq": (nv,), "tau": (nv,), "momentum": (6,)}
-    checked = {name: _checked_array(repr(name), x, (n, *widths.get(name, ()))) for name, x in arrays.items()}
+    widths = {"q": nq, "dq": nv, "ddq": nv, "tau": nv, "momentum": len(MOMENTUM)}
+    checked_arrays: dict[str, Any] = {}
+    for name, x in arrays.items():
+        shape = (n, widths[name]) if name in widths else (n,)
+        checked_arrays[name] = _checked_array(repr(name), x, shape)
     work = {name: _checked_array(f"the work of {name}", x, (n,)) for name, x in works.items()}
-    return SimulationResult(**{**fields, **checked}, work=work, friction=bool(np.any(work["friction"])))
+    has_friction = bool(np.any(work["friction"]))
+    return SimulationResult(**fields, **checked_arrays, work=work, friction=has_friction)

@@ -26,30 +26,30 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
-def torque_limits_of(robot: Robot, given: Any) -> list[tuple[str, Array, int]]:
+def torque_limits_of(robot: Robot, torque_limits: Any) -> list[tuple[str, Array, int]]:
     """Torque limits as an input of the step, (label, array, length of the last axis); empty without limits."""
-    if given is None or given is False:
+    if torque_limits is None or torque_limits is False:
         return []
     refuse_couplings(robot.model, "torque_limits")
-    if given is True:
+    if torque_limits is True:
         limits = robot.limits.effort
     else:
-        limits = _real_array(given, "torque_limits", robot.model.velocity_names)
+        limits = _real_array(torque_limits, "torque_limits", robot.model.velocity_names)
     if limits.ndim and limits.shape[-1] != robot.nv:
         raise ShapeError(
             f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number "
             "for all, or True for its own."
         )
-    not_allowed = limits[~(limits >= 0)]  # NaN among them
-    if not_allowed.size:
+    invalid_limits = limits[~(limits >= 0)]  # NaN among them
+    if invalid_limits.size:
         raise ValueRangeError(
-            f"torque_limits has {printed(not_allowed.flat[0])}, and limits are at least 0; inf is none."
+            f"torque_limits has {printed(invalid_limits.flat[0])}, and limits are at least 0; inf is none."
         )
     return [("torque_limits", limits, robot.nv)]
 
 
 def law_of(tau: Any) -> TorqueLaw:
-    """Law of the torques; given torques become a law."""
+    """Law of the torques: ``tau`` itself if it is a law, and a law for an array of torques."""
     if isinstance(tau, type):
         raise ValueRangeError(f"tau is the class {tau.__name__}, not a law: call it, with a reference and gains.")
     if hasattr(tau, "torques") and hasattr(tau, "names"):
@@ -63,17 +63,17 @@ def law_of(tau: Any) -> TorqueLaw:
 
 
 def _real_array(x: Any, label: str, names: Sequence[str] = ()) -> Array:
-    """Real numbers, float32 or float64, of any shape; a table's columns are taken by ``names``."""
+    """Real numbers, float32 or float64, of any shape; ``names`` are the columns to take from a table."""
     array = arguments.array(x, label, names=names)
     if array.dtype == object:
         raise ValueRangeError(f"{label} is of symbols, and a rollout is of numbers.")
     return array
 
 
-def state_of(robot: Robot, name: str, given: Any, size: int) -> Array:
-    """Part of a state, q0 or dq0 by its name, with the right length; quaternions must not be zero."""
+def state_of(robot: Robot, name: str, values: Any, size: int) -> Array:
+    """Validated q0 or dq0, by its name: ``size`` entries in the last axis, and no quaternion of zeros."""
     names = robot.coordinate_names if name == "q0" else robot.model.velocity_names
-    x = _real_array(given, name, names)
+    x = _real_array(values, name, names)
     if x.shape[-1:] != (size,):
         raise ShapeError(f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
     if name == "q0":
@@ -87,14 +87,16 @@ def state_of(robot: Robot, name: str, given: Any, size: int) -> Array:
 
 
 def law_inputs(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
-    """Inputs of a law by name, with the length of the last axis."""
+    """Inputs of a law, (name, array, length of the last axis)."""
     inputs = []
     for name in law.names:
         names = robot.coordinate_names if name == "q_des" else robot.model.velocity_names
         size = len(names)
-        given = getattr(law, name)
-        is_torque_left_out = given is None and isinstance(law, GivenTorque)
-        x = _real_array(0.0 if is_torque_left_out else given, name, names)
+        values = getattr(law, name)
+        is_torque_left_out = values is None and isinstance(law, GivenTorque)
+        if is_torque_left_out:
+            values = 0.0
+        x = _real_array(values, name, names)
         may_be_number = is_torque_left_out or name not in ("tau", "q_des")
         is_number_for_all = may_be_number and x.ndim == 0
         if x.shape[-1:] != (size,) and not is_number_for_all:
@@ -106,20 +108,22 @@ def law_inputs(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
     return inputs
 
 
-def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Array]]:
-    """Names and numbers of the parameters that vary by sample."""
-    if given is None:
+def parameter_values(robot: Robot, parameters: Any) -> tuple[tuple[str, ...], list[Array]]:
+    """Names of the parameters that vary by sample, and their numbers, one array for each."""
+    if parameters is None:
         return (), []
-    if not isinstance(given, Mapping):
-        raise ShapeError(f"parameters is a dict {{name: numbers}}, got {given!r}; robot.varying() lists the names.")
-    known = nominal(robot.model)
-    for name in given:
-        if name not in known:
+    if not isinstance(parameters, Mapping):
+        raise ShapeError(
+            f"parameters is a dict {{name: numbers}}, got {parameters!r}; robot.varying() lists the names."
+        )
+    known_parameters = nominal(robot.model)
+    for name in parameters:
+        if name not in known_parameters:
             matching(robot.model, (str(name),))  # its error lists the valid names
             raise ValueRangeError(
                 f"parameters: {name!r} is a pattern. Name each: {', '.join(robot.varying(str(name)))}."
             )
-    values = {name: _real_array(x, f"parameter {name!r}") for name, x in given.items()}
+    values = {name: _real_array(x, f"parameter {name!r}") for name, x in parameters.items()}
     refuse_impossible(robot.model, values)
     return tuple(values), list(values.values())
 
@@ -143,11 +147,14 @@ class Inputs:
     ranks: list[int]
     """Number of axes of each array that do not belong to the batch."""
     batch: tuple[int, ...]
+    """Shape of the batch."""
     dtype: Any
     steps: int
+    """Number of steps."""
     dt: float
+    """Length of a step [s]."""
     kept: int
-    """Number of states stored after the first."""
+    """Number of kept states: those stored after the first."""
     remarks: tuple[str, ...] = ()
     """Remarks on the motions before any is computed."""
     argument_shapes: Mapping[str, tuple[int, ...] | None] = field(default_factory=dict)
@@ -156,7 +163,8 @@ class Inputs:
     @property
     def times(self) -> Array:
         """Times of the stored states, (kept + 1,) s."""
-        return np.arange(self.kept + 1) * (self.dt * (self.steps // self.kept))
+        steps_per_state = self.steps // self.kept
+        return np.arange(self.kept + 1) * (self.dt * steps_per_state)
 
     @property
     def shapes(self) -> list[tuple[int, ...]]:
@@ -172,7 +180,10 @@ def validate_inputs(
     wrench_on_robot: Any, parameters: Any, friction: Any, torque_limits: Any, torques: Any,
     step_of: Callable[[StepPlan], StepPlan] = lambda plan: plan,
 ) -> Inputs:  # fmt: skip
-    """Inputs of a rollout, whose step is ``step_of`` the plan; raises ShapeError, ValueRangeError and UnknownNameError."""
+    """Validated inputs of a rollout; raises ShapeError, ValueRangeError and UnknownNameError.
+
+    ``step_of`` may change the plan of its step.
+    """
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
     if hasattr(tau, "batch_law") and not isinstance(tau, type):  # a controller of one motion
@@ -187,7 +198,7 @@ def validate_inputs(
     wrenches = {} if wrench_on_robot is None else wrench_on_robot
     if not isinstance(wrenches, Mapping):
         raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, since a wrench needs its frame.")
-    frames = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
+    wrench_by_frame = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
     names, values = parameter_values(robot, parameters)
     has_friction = friction and _has_friction(robot, names)
     if has_friction and method == "semi_implicit":
@@ -196,17 +207,19 @@ def validate_inputs(
     if not isinstance(method, str) or method not in ROLLOUT_METHODS:
         raise UnknownNameError.from_choices("method", method, ROLLOUT_METHODS)
     plan = step_of(
-        StepPlan(robot.model, law, method, bool(limits), tuple(frames), names, has_friction, returns_torques)
+        StepPlan(robot.model, law, method, bool(limits), tuple(wrench_by_frame), names, has_friction, returns_torques)
     )
-    given = [*law_inputs(robot, law), *limits]
-    given += [(f"the wrench at {frame!r}", F, 6) for frame, F in frames.items()]
+    inputs = [*law_inputs(robot, law), *limits]  # label, array, length of the last axis
+    inputs += [(f"the wrench at {frame!r}", F, 6) for frame, F in wrench_by_frame.items()]
     states = [state_of(robot, "q0", q0, robot.nq), state_of(robot, "dq0", dq0, robot.nv)]
-    n, h, kept = _count_steps(dt, steps, duration, every, given)
-    arrays_by_step = {label: _with_step_axis(label, x, size, n) for label, x, size in given}
+    n, h, kept = _count_steps(dt, steps, duration, every, inputs)
+    arrays_by_step = {label: _with_step_axis(label, x, size, n) for label, x, size in inputs}
     parameter_by_name = dict(zip(names, values, strict=True))
     batch = _batch_shape(states, arrays_by_step, parameter_by_name)
     step_inputs = list(arrays_by_step.values())
-    remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
+    remarks: tuple[str, ...] = ()
+    if friction and not plan.friction:
+        remarks = (NONE_GIVEN,)
     if plan.eases:
         creep = creep_of_samples(robot, states[0], h, parameter_by_name)
         step_inputs.append(creep[..., None, :])
@@ -214,15 +227,19 @@ def validate_inputs(
         if remark:
             remarks = (remark,)
     if names:
-        step_inputs.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
+        parameter_rows = np.stack(np.broadcast_arrays(*values), axis=-1)
+        step_inputs.append(parameter_rows[..., None, :])
     # The robot's own torque limits are float64 and do not decide the type of the results.
-    decisive = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
-    dtype = _common_dtype([*states, *decisive, *values])
+    own_limits = torque_limits is True
+    typed_inputs = [x for label, x, _ in inputs if label != "torque_limits" or not own_limits]
+    dtype = _common_dtype([*states, *typed_inputs, *values])
     arrays = [_with_batch_axis(x.astype(dtype, copy=False), 1, batch) for x in states]
     arrays.append(np.broadcast_to(np.asarray(h, dtype), n))
-    arrays += [_with_all_steps(_with_batch_axis(x.astype(dtype, copy=False), 2, batch), n) for x in step_inputs]
+    for x in step_inputs:
+        batched = _with_batch_axis(x.astype(dtype, copy=False), 2, batch)
+        arrays.append(_with_all_steps(batched, n))
     shapes: dict[str, tuple[int, ...] | None] = {"q0": states[0].shape, "dq0": states[1].shape}
-    shapes |= {label: x.shape for label, x, _ in given}
+    shapes |= {label: x.shape for label, x, _ in inputs}
     shapes |= {f"parameter {name}": x.shape for name, x in parameter_by_name.items()}
     if isinstance(law, GivenTorque) and law.tau is None:
         shapes["tau"] = None
@@ -281,9 +298,9 @@ def _with_batch_axis(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
 
 
 def _count_steps(
-    dt: Any, steps: Any, duration: Any, every: Any, given: list[tuple[str, Array, int]]
+    dt: Any, steps: Any, duration: Any, every: Any, inputs: list[tuple[str, Array, int]]
 ) -> tuple[int, float, int]:
-    """Number of steps, their length, and the number of states stored after the first."""
+    """Number of steps, their length [s], and the number of states stored after the first."""
     h = positive(dt, "dt", "s")
     interval = whole(every, "every")
     if steps is not None and duration is not None:
@@ -300,10 +317,10 @@ def _count_steps(
         n = max(1, math.ceil(duration / h * (1.0 - 1e-12)))  # no further step for a rounding error
         h = duration / n
     else:
-        step_counts = [x.shape[-2] for _, x, _ in given if x.ndim > 1 and x.shape[-2] != 1]
-        if not step_counts or not step_counts[0]:
+        step_counts = [x.shape[-2] for _, x, _ in inputs if x.ndim > 1 and x.shape[-2] != 1]
+        n = step_counts[0] if step_counts else 0
+        if n == 0:
             raise ValueRangeError("how long? Give steps, duration, or torques with axes (..., steps, nv).")
-        n = step_counts[0]
     if n > MAX_STEPS:
         raise ValueRangeError(f"steps is {printed(n, 3)}, and more than {printed(MAX_STEPS, 1)} are refused.")
     if n % interval:
@@ -314,7 +331,7 @@ def _count_steps(
 
 
 def _with_step_axis(label: str, x: Array, size: int, n: int) -> Array:
-    """Array with an axis of steps before the last, of length n or 1."""
+    """Array with an axis of steps, of length n or 1, before the last axis, of length ``size``."""
     if x.ndim == 0:
         return np.full((1, size), x)
     if x.ndim == 1:

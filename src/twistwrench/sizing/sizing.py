@@ -30,6 +30,9 @@ from ..robots.finding import bundled_file
 from .catalog import Catalog, read_catalog
 from .choice import Sizing, bare_robot, drive_joints, sizing_of, sizing_refused
 
+_MIN_AMBIENT = -273.15  # °C, absolute zero
+_MAX_AMBIENT = 1000.0  # °C, above every temperature of air
+
 
 def size_drives(
     robot: Robot | str | Path,
@@ -121,7 +124,8 @@ def size_drives(
     >>> tw.size_drives("ur5", "demo", "demo", pause=0.8, add_masses=False)
     <Sizing of ur5: OK, shoulder_pan_joint 83 %>
     """
-    arm, bundled_name = robot, ""
+    arm = robot
+    bundled_name = ""  # of the robot, if it is bundled
     if isinstance(robot, Robot | str | Path):
         arm, bundled_name = robot_of(robot, None, lock)
     require_robot(arm, "size_drives")
@@ -134,21 +138,22 @@ def size_drives(
     reading_options = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode}
     log_options = {"named": bundled_name, "plan": plan, "degrees": degrees, **reading_options}
     load = LoadCase(arm, payloads_of(payload), friction=friction)
-    loaded = load.with_load
-    bare = bare_robot(loaded, drive_joints(loaded, drive_catalog))
+    loaded_arm = load.with_load
+    bare_arm = bare_robot(loaded_arm, drive_joints(loaded_arm, drive_catalog))
     cycle = _motion_or_log(motion, arm, log_options)
     report = _report(load, cycle, smooth=smooth)
     if report is not None and contradictions(report):
-        return sizing_refused(loaded, drive_catalog, report)
-    states = _states(cycle, report, bare, friction=friction)
-    if not states.draws:  # a motion in memory, whose draws the caller may give
-        states = LoadStates(states.motion, tuple(draw.with_robot(bare) for draw in draws))
+        return sizing_refused(loaded_arm, drive_catalog, report)
+    states = _states(cycle, report, bare_arm, friction=friction)
+    if not states.draws:  # a motion in memory: its draws are those of the caller
+        states = LoadStates(states.motion, tuple(draw.with_robot(bare_arm) for draw in draws))
     emergency_motion = None
     if emergency is not None:
         emergency_log = _motion_or_log(emergency, arm, log_options)
-        emergency_motion = _states(emergency_log, _report(load, emergency_log), bare).motion
+        emergency_report = _report(load, emergency_log)
+        emergency_motion = _states(emergency_log, emergency_report, bare_arm).motion
     sizing = sizing_of(
-        loaded, states, drive_catalog, pause=pause, ambient=ambient, life=life, brake=brake, emergency=emergency_motion,
+        loaded_arm, states, drive_catalog, pause=pause, ambient=ambient, life=life, brake=brake, emergency=emergency_motion,
         friction=friction, add_masses=add_masses, shared_supply=shared_supply,
     )  # fmt: skip
     sizing = replace(sizing, report=report)
@@ -171,12 +176,13 @@ def _check_settings(pause: float, ambient: float, life: float | None) -> None:
     arguments.positive(pause, "size_drives: pause", "s", zero=True)
     if life is not None:
         arguments.positive(life, "size_drives: life", "h")
-    if not -273.15 <= arguments.number(ambient, "size_drives: ambient") < 1000:
+    ambient_temperature = arguments.number(ambient, "size_drives: ambient")
+    if not _MIN_AMBIENT <= ambient_temperature < _MAX_AMBIENT:
         raise ValueRangeError(f"size_drives: ambient={ambient!r} is not a temperature of air in °C.")
 
 
 def _motion_or_log(source: Any, robot: Robot, log_options: Mapping[str, Any]) -> Motion | MotionLog:
-    """Log from a file, from a table, or of a motion that was read from a log; other motions as they are."""
+    """Log of a file, of a table, or of a motion that has one; a motion without a log is returned itself."""
     is_table = hasattr(source, "iloc")  # a DataFrame
     if is_table or isinstance(source, str | Path | MotionLog):
         return log_of(source, robot, **log_options)
@@ -204,4 +210,5 @@ def _states(
         return LoadStates.from_motion(robot, motion.with_robot(robot), friction=friction)
     assert report is not None
     states = LoadStates.from_report(report)
-    return LoadStates(states.motion.with_robot(robot), tuple(draw.with_robot(robot) for draw in states.draws))
+    draws = tuple(draw.with_robot(robot) for draw in states.draws)
+    return LoadStates(states.motion.with_robot(robot), draws)

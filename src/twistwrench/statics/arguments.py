@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 def one_configuration(robot: Robot, q: ArrayLike, function: str, reason: str) -> Array:
-    """One finite configuration (nq,).
+    """Validated configuration (nq,), finite.
 
-    A batch is a ShapeError with the name of the ``function`` and the ``reason`` why it takes no batch. A coordinate that is
-    not finite is a ValueRangeError.
+    For a batch, raises ShapeError with the name of the ``function`` and the ``reason`` why it takes no batch. For a coordinate
+    that is not finite, raises ValueRangeError.
     """
     require_robot(robot, function)
     array = np.asarray(arguments.real(q, f"{function}: q", robot.nq, names=robot.coordinate_names), float)
@@ -44,7 +44,7 @@ def one_configuration(robot: Robot, q: ArrayLike, function: str, reason: str) ->
 
 
 def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
-    """Directions (..., n) of unit length; n must be one of ``sizes``. Raises ShapeError, ValueRangeError."""
+    """Directions (..., n) of unit length; n must be one of ``sizes``. Raises ShapeError and ValueRangeError."""
     try:
         shape = np.shape(direction)
     except ValueError:  # lists of unequal lengths; rejected below
@@ -58,13 +58,14 @@ def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
         alternatives = "".join(f" Or give {size} numbers." for size in sizes[1:])
         raise ShapeError(f"{problem}{alternatives}") from None
     length = np.linalg.norm(d, axis=-1, keepdims=True)
-    if not (np.isfinite(length).all() and (length > 0).all()):
+    is_valid = np.isfinite(length) & (length > 0)
+    if not is_valid.all():
         raise ValueRangeError("a direction of zero or not finite length points nowhere. Give one with a finite length.")
     return d / length
 
 
 def same_batch(**arrays: Array) -> None:
-    """Check that batch shapes (all axes but the last) broadcast. Raises ShapeError."""
+    """Raise ShapeError unless the batch shapes, which are all axes but the last, broadcast."""
     try:
         np.broadcast_shapes(*(x.shape[:-1] for x in arrays.values()))
     except ValueError:
@@ -74,7 +75,9 @@ def same_batch(**arrays: Array) -> None:
 # ── Unit checks: millimetres for metres, degrees for radians
 
 _SUSPECT_LENGTH = 1.0
-"""m: lever or excess of a sliding joint above which a wrong unit is suspected."""
+"""Lever, or excess of a sliding joint over its limit, above which a wrong unit is suspected [m]."""
+_MILLIMETRES = 1000  # per metre
+_TURN = 2 * math.pi  # rad
 
 
 def unit_slips(
@@ -82,32 +85,32 @@ def unit_slips(
 ) -> Iterator[str]:
     """Warnings about values that suggest a wrong unit, in the named ``positions`` (3,) [m] and in q (nq,).
 
-    Suspect values are a position beyond 1 m and a sliding joint more than 1 m beyond its limits. Unless angles are in
-    ``degrees``, a revolute joint more than one turn beyond its limits is suspect as well. Without limits, and for wider
-    ones, this means beyond ±2 turns.
+    Suspect are a position beyond 1 m, a sliding joint more than 1 m beyond its limits, and, unless angles are in ``degrees``,
+    a revolute joint more than one turn beyond its limits. Limits of a revolute joint that are missing, or wider than ±1 turn,
+    count as ±1 turn.
     """
     for name, position in positions.items():
         distance = float(np.linalg.norm(position))
         if distance > _SUSPECT_LENGTH:
-            metres = ",".join(printed(x / 1000) for x in position)
+            metres = ",".join(printed(x / _MILLIMETRES) for x in position)
             yield f"{name} is {printed(distance)} m from its frame: lengths are in metres. If those are mm, write {metres}."
     for b in robot.model.leaders:
         if b.joint.nq != 1:
             continue
         name = b.joint.name
         coordinate = float(q[b.q_index])
-        turns = bool(b.joint.axes[0][:3].any())
-        widest = 2 * math.pi if turns else math.inf
-        lower = max(float(limits.lower[b.v_index]), -widest)
-        upper = min(float(limits.upper[b.v_index]), widest)
+        is_revolute = bool(b.joint.axes[0][:3].any())
+        widest_limit = _TURN if is_revolute else math.inf
+        lower = max(float(limits.lower[b.v_index]), -widest_limit)
+        upper = min(float(limits.upper[b.v_index]), widest_limit)
         excess = max(lower - coordinate, coordinate - upper)
-        if turns and not degrees and excess > 2 * math.pi:
+        if is_revolute and not degrees and excess > _TURN:
             yield (
                 f"{name} at {printed(coordinate)} rad is more than a turn beyond its limits: angles are in radians. If "
                 f"those are degrees, add {spell(Argument('degrees', True))}."
             )
-        elif not turns and excess > _SUSPECT_LENGTH:
+        elif not is_revolute and excess > _SUSPECT_LENGTH:
             yield (
                 f"{name} at {printed(coordinate)} m is more than 1 m beyond its limits: lengths are in metres. If those are "
-                f"mm, write {printed(coordinate / 1000)}."
+                f"mm, write {printed(coordinate / _MILLIMETRES)}."
             )

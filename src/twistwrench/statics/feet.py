@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from ..shapes.solids import Solid
 
-_FOOT_WORDS = "foot", "sole", "ankle", "wheel", "toe"
+_FOOT_WORDS = ("foot", "sole", "ankle", "wheel", "toe")
 """Words in the names of frames at which a leg stands."""
-_SENSOR_WORDS = "bumper", "sensor", "fsr", "tactel", "imu", "camera"
-"""Words in the names of frames that a leg carries, and does not stand on."""
+_SENSOR_WORDS = ("bumper", "sensor", "fsr", "tactel", "imu", "camera")
+"""Words in the names of frames of sensors, at which a leg does not stand."""
 _SAME_HEIGHT = 0.01
-"""Height above the lowest frame of a leg within which a frame named as a foot is preferred [m]."""
+"""Height above the lowest frame of a leg up to which a frame may be the foot [m]."""
 _SOLE_HEIGHT = 0.005
 """Height above the lowest point of a shape up to which its corners belong to the sole [m]."""
 _MAX_CORNERS = 8
@@ -40,12 +40,12 @@ MIN_SOLE_WIDTH = 1e-3
 
 
 def upward(robot: Robot) -> Array:
-    """Normal (3,) of a level floor in the base frame: the world's vertical axis, from which gravity leans on a slope."""
+    """Normal (3,) of a level floor in the base frame: the world's vertical axis."""
     return vertical_axis(robot.model.gravity)
 
 
 def find_feet(robot: Robot, q: ArrayLike | None = None) -> tuple[str, ...]:
-    """Frames at which a legged robot stands: of each leg the lowest frame, or the one beside it that is named as a foot.
+    """Frames at which a legged robot stands: the lowest frame of each leg, or a frame as low that has the name of a foot.
 
     Parameters
     ----------
@@ -76,18 +76,19 @@ def find_feet(robot: Robot, q: ArrayLike | None = None) -> tuple[str, ...]:
     feet = []
     for links in legs_of(model):
         heights = {name: float(poses[name][:3, 3] @ up) for name in links}
-        lowest_height = min(heights.values())
-        lowest = [name for name in links if heights[name] <= lowest_height + _SAME_HEIGHT]
-        without_sensors = [name for name in lowest if not _has_word(name, _SENSOR_WORDS)]
-        candidates = without_sensors or lowest
-        with_foot_name = [name for name in candidates if _has_word(name, _FOOT_WORDS)]
-        with_shape = [name for name in with_foot_name if name in model.shaped]
-        preferred = with_shape or with_foot_name or candidates
-        feet.append(preferred[-1])  # the farthest along the leg
+        max_height = min(heights.values()) + _SAME_HEIGHT
+        low_links = [name for name in links if heights[name] <= max_height]
+        links_without_sensors = [name for name in low_links if not _has_word(name, _SENSOR_WORDS)]
+        candidates = links_without_sensors or low_links
+        links_named_foot = [name for name in candidates if _has_word(name, _FOOT_WORDS)]
+        shaped_links = [name for name in links_named_foot if name in model.shaped]
+        preferred_links = shaped_links or links_named_foot or candidates
+        feet.append(preferred_links[-1])  # the farthest along the leg
     return tuple(dict.fromkeys(feet))  # each once
 
 
 def _has_word(name: str, words: Sequence[str]) -> bool:
+    """True if a name contains one of the words, in any case."""
     return any(word in name.lower() for word in words)
 
 
@@ -133,8 +134,9 @@ def sole(
         normal = upward(robot)
     radius = 0.0
     if size is not None:
-        sizes = arguments.one(size, "size", 2).tolist()
-        length, width = (arguments.positive(x, "the size of a sole", "m") for x in sizes)
+        length, width = arguments.one(size, "size", 2).tolist()
+        length = arguments.positive(length, "the size of a sole", "m")
+        width = arguments.positive(width, "the size of a sole", "m")
         offsets = 0.5 * np.array([(length, width, 0), (length, -width, 0), (-length, -width, 0), (-length, width, 0)])
         points = [np.asarray(middle + offset) for offset in offsets]
     else:
@@ -166,7 +168,7 @@ def wheel(robot: Robot, frame: str, friction: float, *, normal: ArrayLike | None
     _require_moving_frame(robot, frame)
     points, ball_radius = _lowest_face(robot, frame, None)
     down = _down_in_frame(robot, frame, robot.neutral)
-    depth = max((float(point @ down) for point in points), default=0.0)
+    depth = max((float(point @ down) for point in points), default=0.0)  # below the wheel's centre [m]
     if normal is None:
         normal = upward(robot)
     wheel_radius = max(depth + ball_radius, 0.0)
@@ -175,8 +177,8 @@ def wheel(robot: Robot, frame: str, friction: float, *, normal: ArrayLike | None
 
 def _down_in_frame(robot: Robot, frame: str, q: Array) -> Array:
     """Direction (3,) of the floor in a frame of the robot in a configuration."""
-    R = frame_poses(robot.model, q)[frame][:3, :3]
-    return np.asarray(-R.T @ upward(robot))
+    T = frame_poses(robot.model, q)[frame]
+    return np.asarray(-T[:3, :3].T @ upward(robot))
 
 
 def _require_moving_frame(robot: Robot, frame: str) -> None:
@@ -224,24 +226,31 @@ def patch(
 
 
 def _lowest_face(robot: Robot, frame: str, q: ArrayLike | None) -> tuple[list[Array], float]:
-    """Corners of a frame's shape at its lowest side, in the frame, and 0; for balls, their centres and their radius.
+    """Corners of the lowest face of a frame's shape, in the frame, and 0; for balls, their centres and their radius.
 
-    Of the faces that are lowest in the neutral configuration and in q, the wider is taken. Without a shape there are no
-    corners.
+    The lowest faces in the neutral configuration and in q are compared; the wider one is returned, or the face in q if both
+    are equally wide. Without a shape there are no corners.
     """
     T = np.asarray(robot.model.frame(frame).pose)
     shapes = [(se3.inverse(T) @ link_pose, solids) for link_pose, solids in _solids_at(robot, frame)]
     if not any(solids for _, solids in shapes):
         return [], 0.0
-    configurations = [robot.neutral]
-    if q is not None:
-        configurations.append(np.asarray(q, float))
-    faces = [_face_towards(shapes, _down_in_frame(robot, frame, configuration)) for configuration in configurations]
-    return max(reversed(faces), key=lambda face: float(np.ptp(face[0], axis=0).max()))  # of equal widths that in q
+    corners, radius = _face_towards(shapes, _down_in_frame(robot, frame, robot.neutral))
+    if q is None:
+        return corners, radius
+    corners_in_q, radius_in_q = _face_towards(shapes, _down_in_frame(robot, frame, np.asarray(q, float)))
+    if _width(corners_in_q) >= _width(corners):
+        return corners_in_q, radius_in_q
+    return corners, radius
+
+
+def _width(corners: Sequence[Array]) -> float:
+    """Largest extent of corners (3,) along an axis [m]."""
+    return float(np.ptp(corners, axis=0).max())
 
 
 def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid]]]:
-    """Poses in the body, and shapes, of a link; those of all links fixed to it if it has no shape of its own.
+    """Pose in the body, and shapes, of a link. If the link has no shape, the same for each link that is fixed to it.
 
     Visual shapes are taken only if there are no collision shapes.
     """
@@ -250,33 +259,35 @@ def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid
     from ..shapes.solids import SolidReader
 
     model = robot.model
-    described = {shapes.link: shapes for shapes in read_shapes(model)}
-    reader = SolidReader(MeshFiles(Path(model.source) if model.source else None))
+    shapes_by_link = {shapes.link: shapes for shapes in read_shapes(model)}
+    mesh_files = MeshFiles(Path(model.source) if model.source else None)
+    reader = SolidReader(mesh_files)
     body = model.frame(frame).body
     frames_of_body = [name for name, other in model.frames.items() if other.body == body]
     for links in ([frame], frames_of_body):
-        solids_by_link = {name: reader.read(described[name]).solids for name in links if name in described}
+        solids_by_link = {name: reader.read(shapes_by_link[name]).solids for name in links if name in shapes_by_link}
         for role in ("collision", "visual"):
-            chosen_by_link = {}
+            solids_of_role = {}
             for name, solids in solids_by_link.items():
-                chosen_by_link[name] = [solid for solid in solids if solid.shape.role == role]
-            if any(chosen_by_link.values()):
-                for name, chosen in chosen_by_link.items():
-                    yield np.asarray(model.frames[name].pose), chosen
+                solids_of_role[name] = [solid for solid in solids if solid.shape.role == role]
+            if any(solids_of_role.values()):
+                for name, solids in solids_of_role.items():
+                    yield np.asarray(model.frames[name].pose), solids
                 return
 
 
 def _radius(solid: Solid) -> float:
     """Radius of a ball [m]; 0 for other shapes, which end in corners."""
-    if solid.shape.kind == "sphere":
-        return solid.shape.sizes[0]
-    return 0.0
+    if solid.shape.kind != "sphere":
+        return 0.0
+    return solid.shape.sizes[0]  # the radius comes first
 
 
 def _face_towards(shapes: Sequence[tuple[Array, Sequence[Solid]]], down: Array) -> tuple[list[Array], float]:
     """Corners of the lowest face of shapes, and 0; if the lowest shapes are balls of one radius, their centres and radius.
 
-    The face is the hull of all points within 5 mm of the lowest, moved to the height of the lowest.
+    The face is the hull of all points within 5 mm of the lowest point, moved to the height of the lowest point. ``down`` is the
+    direction of the floor.
     """
     solid_points = [(solid, _points_towards(T, solid, down)) for T, solids in shapes for solid in solids]
     largest_depth = max(float((points @ down).max()) for _, points in solid_points)
@@ -289,35 +300,39 @@ def _face_towards(shapes: Sequence[tuple[Array, Sequence[Solid]]], down: Array) 
             radii.add(_radius(solid))
     points = np.concatenate(points_of_lowest)
     radius = radii.pop() if len(radii) == 1 else 0.0
+    sole_points = points[points @ down >= sole_depth]
     axes = tangents(down)
-    corners = _corners(points[points @ down >= sole_depth] @ axes.T)
-    return [np.asarray(corner @ axes + (largest_depth - radius) * down) for corner in corners], radius
+    plane_corners = _corners(sole_points @ axes.T)
+    depth = largest_depth - radius
+    return [np.asarray(corner @ axes + depth * down) for corner in plane_corners], radius
 
 
 def _points_towards(T: Array, solid: Solid, down: Array) -> Array:
-    """Corners (k, 3) of a shape in the frame in which its link has pose T; of a ball its lowest point."""
+    """Corners (k, 3) of a shape in the frame in which its link has pose T; for a ball, its lowest point."""
     if solid.shape.kind == "sphere":
-        centre = (T @ solid.shape.pose)[:3, 3]
-        return np.asarray(centre + solid.shape.sizes[0] * down)[None]
+        ball_pose = T @ solid.shape.pose
+        lowest_point = np.asarray(ball_pose[:3, 3] + _radius(solid) * down)
+        return lowest_point[None]
     return np.asarray(solid.points @ T[:3, :3].T + T[:3, 3])
 
 
 def _corners(points: Array) -> Array:
-    """Corners (k, 2) of the convex hull of points in a plane; the ends of a line, or the middle of a point.
+    """Corners (k, 2) of the convex hull of points (n, 2); two ends if the hull is a line, the middle if it is a point.
 
-    While there are more than the largest number, that with the smallest triangle with its neighbours is dropped.
+    While there are too many corners, the corner is dropped that has the smallest triangle with its neighbours.
     """
     from scipy.spatial import ConvexHull
 
     centre = points.mean(axis=0)
     _, singular_values, axes = np.linalg.svd(points - centre, full_matrices=False)
-    along = (points - centre) @ axes.T
-    is_wide = np.ptp(along, axis=0) > MIN_SOLE_WIDTH
+    along_axes = (points - centre) @ axes.T  # coordinates along the principal axes
+    is_wide = np.ptp(along_axes, axis=0) > MIN_SOLE_WIDTH
     if not is_wide.any() or not len(singular_values):
         return centre[None]
     if not is_wide.all():  # a line
-        line = along[:, int(np.argmax(is_wide))]
-        return points[[int(line.argmin()), int(line.argmax())]]
+        along_line = along_axes[:, int(np.argmax(is_wide))]
+        ends = [int(along_line.argmin()), int(along_line.argmax())]
+        return points[ends]
     hull = points[ConvexHull(points).vertices]
     while len(hull) > _MAX_CORNERS:
         u = hull - np.roll(hull, 1, axis=0)  # from the corner before

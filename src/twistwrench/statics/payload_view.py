@@ -24,7 +24,10 @@ from .payload_report import PayloadReport
 
 _ROUNDING = 12
 """Decimals of a coordinate; smaller values are rounding errors."""
+_MAX_JOINTS = 12
+"""Largest number of joints in the short form of the table."""
 _CAUTION = "Counts joint torques at rest alone: structure, grip, warm motors and motion may limit it earlier."
+"""Last line of the report."""
 
 
 def payload_view(report: PayloadReport) -> Iterator[Block]:
@@ -34,74 +37,80 @@ def payload_view(report: PayloadReport) -> Iterator[Block]:
     if hint:
         yield from remarks([hint])
     yield ""
-    carried = carried_words(report)
-    place = place_words(report.frame, report.com)
-    already = f"  ·  carrying {carried} already" if carried else ""
-    yield Line((report.robot.name, Style.STRONG), f"  ·  payload at {place}{already}")
+    heading = f"  ·  payload at {place_words(report.frame, report.com)}"
+    carried_tools = carried_words(report)
+    if carried_tools:
+        heading += f"  ·  carrying {carried_tools} already"
+    yield Line((report.robot.name, Style.STRONG), heading)
     yield _holding_torques(report)
     if report.judged:
         yield from _forces(report)
     if report.map is not None:
         yield f"map, {report.map}"
     yield Line((_CAUTION, Style.QUIET))
-    positions = {"com": report.com}
+    position_by_name = {"com": report.com}
     for payload in report.load.payloads:
-        positions[f"the centre of the tool of {number(payload.mass)} kg"] = np.array(payload.place)
-    slips = unit_slips(report.robot, report.q, report.limits, positions, degrees=report.degrees)
+        name = f"the centre of the tool of {number(payload.mass)} kg"
+        position_by_name[name] = np.array(payload.place)
+    slips = unit_slips(report.robot, report.q, report.limits, position_by_name, degrees=report.degrees)
     yield from remarks([*slips, *report.load.unit_hints])
 
 
 def findings(report: PayloadReport) -> list[tuple[Word, tuple[str, ...]]]:
-    """Words of the verdict with their reasons, sentences without a full stop; the first word is that of the verdict."""
-    results: list[tuple[Word, tuple[str, ...]]] = []
+    """Pairs of a word and its reasons, which are sentences without a full stop; the first word is the verdict."""
+    words_and_reasons: list[tuple[Word, tuple[str, ...]]] = []
     if report.contradictions:
-        results.append((Word.LOOK_AGAIN, report.contradictions))
+        words_and_reasons.append((Word.LOOK_AGAIN, report.contradictions))
     if report.beyond:
-        results.append((Word.OVER_LIMIT, (_stops_words(report.beyond, degrees=report.degrees),)))
+        reason = _stops_words(report.beyond, degrees=report.degrees)
+        words_and_reasons.append((Word.OVER_LIMIT, (reason,)))
     if report.doubts:
-        results.append((Word.UNSURE, report.doubts))
+        words_and_reasons.append((Word.UNSURE, report.doubts))
     if report.judged and not report.largest.holds:
-        results.append((Word.OVER_LIMIT, (_not_held(report),)))
-    return results or [(Word.OK, (_largest(report),))]
+        words_and_reasons.append((Word.OVER_LIMIT, (_not_held_sentence(report),)))
+    if not words_and_reasons:
+        words_and_reasons.append((Word.OK, (_largest_payload_sentence(report),)))
+    return words_and_reasons
 
 
 def _headline(report: PayloadReport) -> Headline:
-    """First word with its reasons; further words and the largest payload below it."""
-    (first, reasons), *others = findings(report)
-    further = [
-        Line((str(word), word_style(word)), f": {'; '.join(reasons_of_word)}.") for word, reasons_of_word in others
-    ]
-    if first is not Word.OK and report.largest.holds and report.judged:
-        sentence = _largest(report)
-        further.append(Line(f"{sentence[0].upper()}{sentence[1:]}."))
-    return Headline(first, f"{'; '.join(reasons)}.", further=further)
+    """Verdict with its reasons; further words and the largest payload below it."""
+    first, *others = findings(report)
+    verdict, reasons = first
+    further_lines = []
+    for word, reasons_of_word in others:
+        further_lines.append(Line((str(word), word_style(word)), f": {'; '.join(reasons_of_word)}."))
+    if verdict is not Word.OK and report.largest.holds and report.judged:
+        sentence = _largest_payload_sentence(report)
+        further_lines.append(Line(f"{sentence[0].upper()}{sentence[1:]}."))
+    return Headline(verdict, f"{'; '.join(reasons)}.", further=further_lines)
 
 
-def _largest(report: PayloadReport) -> str:
+def _largest_payload_sentence(report: PayloadReport) -> str:
     """Sentence on the largest payload and the joint that limits it."""
     largest = report.largest
-    k = int(largest.joint)
+    k = int(largest.joint)  # index of the limiting joint; -1 without one
     if k < 0:
         return f"the payload is not limited at this pose: no joint torque depends on it{report.assumed}"
     side = "upper" if largest.side > 0 else "lower"
-    itself = "the robot and what it carries" if report.load.payloads else "the robot itself"
+    carried = "the robot and what it carries" if report.load.payloads else "the robot itself"
     return (
         f"largest payload at rest in this pose: {rounded_down(largest.mass)} kg at {place_words(report.frame, report.com)}. "
         f"Limited by {largest.joint_names[k]}, {side} limit: {torque(largest.torques[k])} {largest.units[k]}, of which "
-        f"{torque(largest.unloaded[k])} carry {itself}{report.assumed}"
+        f"{torque(largest.unloaded[k])} carry {carried}{report.assumed}"
     )
 
 
-def _not_held(report: PayloadReport) -> str:
+def _not_held_sentence(report: PayloadReport) -> str:
     """Sentence on the joint that cannot hold the robot without a payload."""
-    why = str(report.largest).removeprefix("no payload: ")
+    reason = str(report.largest).removeprefix("no payload: ")
     if report.load.payloads:
-        why = why.replace("the robot alone", "the robot and what it carries")
-    return f"no payload. {why}"
+        reason = reason.replace("the robot alone", "the robot and what it carries")
+    return f"no payload. {reason}"
 
 
 def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
-    """Sentence on joints beyond their position limits, with their excess; turning joints in degrees if ``degrees``."""
+    """Sentence on joints beyond their position limits, with their excess; ``degrees``: angles in degrees."""
     clauses = []
     for joint in beyond:
         scale = 1.0
@@ -109,26 +118,24 @@ def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
             scale = math.degrees(1.0)
         unit = unit_of("q", joint.turns, degrees=degrees)
         side = "above its upper" if joint.value > joint.stop else "below its lower"
-        figures = (joint.value, joint.by, joint.stop)
-        value, excess, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in figures)
+        value = quantity(scale * joint.value, unit, decimals=_ROUNDING)
+        excess = quantity(scale * joint.by, unit, decimals=_ROUNDING)
+        stop = quantity(scale * joint.stop, unit, decimals=_ROUNDING)
         clauses.append(f"{joint.joint} at {value} is {excess} {side} position limit, {stop}")
     return f"the robot cannot be in this pose: {'; '.join(clauses)}"
 
 
 def _holding_torques(report: PayloadReport) -> Table:
-    """Table with a row for each joint, which shows the share of its limit only in a report with limits."""
+    """Table with a row for each joint; shares of limits are shown only in a report with limits."""
     largest = report.largest
-    turning = Coordinates.from_model(report.robot.model).angular_velocity
+    is_angular = Coordinates.from_model(report.robot.model).angular_velocity
     shares = [float(x) for x in largest.share]
-    unit = heading_unit("tau", turning)
+    unit = heading_unit("tau", is_angular)
     torque_column = partial(numbers, show=torque, unit=unit, headed=False)
     limit_column = numbers("limit", largest.limits, unit=unit, headed=False)
-    position_column = numbers(
-        "q",
-        joint_positions(report),
-        lambda x: number(x, decimals=_ROUNDING, missing=""),
-        heading_unit("q", turning, degrees=report.degrees),
-    )
+    show_position = partial(number, decimals=_ROUNDING, missing="")
+    position_unit = heading_unit("q", is_angular, degrees=report.degrees)
+    position_column = numbers("q", joint_positions(report), show_position, position_unit)
     columns = [
         words("joint", largest.joint_names, fold=False),
         position_column,
@@ -141,22 +148,32 @@ def _holding_torques(report: PayloadReport) -> Table:
         styles = _row_styles(shares, int(largest.joint))
     else:
         columns.append(limit_column)
-    return Table(f"Holding torques [{unit}]", *columns, styles=styles, most=12, by=shares)
+    return Table(f"Holding torques [{unit}]", *columns, styles=styles, most=_MAX_JOINTS, by=shares)
 
 
 def _limit_shares(report: PayloadReport, shares: list[float]) -> Iterator[Column]:
-    """Columns of the mass that each joint holds, and of the share of its limit."""
+    """Column of the mass that each joint holds, and column of the share of its limit."""
     largest = report.largest
-    masses = np.maximum(largest.per_joint, 0.0)
-    yield numbers("up to", masses, lambda m: rounded_down(m) if math.isfinite(m) else MISSING, "kg")
-    has_limit = np.isfinite(largest.limits)
-    shown_shares = [share if limited else None for share, limited in zip(shares, has_limit, strict=True)]
-    bars = [Bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in shown_shares]
+
+    def mass_text(mass: float) -> str:
+        """Mass [kg], rounded down; a dash if no mass exceeds the limit."""
+        return rounded_down(mass) if math.isfinite(mass) else MISSING
+
+    yield numbers("up to", np.maximum(largest.per_joint, 0.0), mass_text, "kg")
+    bars = []
+    shown_shares: list[float | None] = []  # None without a limit
+    for share, limit in zip(shares, largest.limits, strict=True):
+        if math.isfinite(limit):
+            shown_shares.append(share)
+            bars.append(Bar(share, f"  {percent_of_limit(share):>5}"))
+        else:
+            shown_shares.append(None)
+            bars.append(Bar(0.0, f"  {percent_of_limit(None):>5}"))
     yield words("share of limit", bars, fold=False, narrow=numbers("share", shown_shares, percent_of_limit))
 
 
 def _row_styles(shares: list[float], limiting: int) -> list[str]:
-    """Style of each joint's row: over its limit, or limiting the payload."""
+    """Style of each joint's row; ``limiting`` is the index of the joint that limits the payload, -1 without one."""
     styles: list[str] = []
     for k, share in enumerate(shares):
         if over_limit(share):
@@ -177,10 +194,10 @@ def place_words(frame: str, com: Array) -> str:
 
 def carried_words(report: PayloadReport) -> str:
     """Text of the tools with their positions: 1.2 kg at tool0 + [0, 0, 0.05] m."""
-    tip = report.robot.tip
     texts = []
     for payload in report.load.payloads:
-        place = place_words(str(payload.frame or tip), np.array(payload.place))
+        frame = str(payload.frame or report.robot.tip)
+        place = place_words(frame, np.array(payload.place))
         texts.append(f"{number(payload.mass)} kg at {place}")
     return " and ".join(texts)
 
@@ -203,18 +220,21 @@ def _forces(report: PayloadReport) -> Iterator[str]:
     robot = report.robot
     q = report.q
     effort = report.limits.effort
-    both_ways = np.concatenate([np.eye(3), -np.eye(3)])
-    along_axes = largest_wrench(robot, q, both_ways, frame=report.frame, limits=effort)
-    texts = [_force_text(magnitude) for magnitude in along_axes.magnitude]
-    pairs = [f"±{axis} {texts[k]} / {texts[k + 3]}" for k, axis in enumerate("xyz")]
+    directions = np.concatenate([np.eye(3), -np.eye(3)])  # x, y, z, -x, -y, -z
+    along_axes = largest_wrench(robot, q, directions, frame=report.frame, limits=effort)
+    forward_forces, backward_forces = np.split(along_axes.magnitude, 2)
+    texts = []
+    for axis, forward, backward in zip("xyz", forward_forces, backward_forces, strict=True):
+        texts.append(f"±{axis} {_force_text(forward)} / {_force_text(backward)}")
     yield (
-        f"Largest force [N] at the origin of {report.frame}, in place of the payload, along {', '.join(pairs)} (base axes)."
+        f"Largest force [N] at the origin of {report.frame}, in place of the payload, along {', '.join(texts)} (base axes)."
     )
     try:
         weakest = weakest_direction(robot, q, frame=report.frame, limits=effort)
     except ValueRangeError:
         return
-    direction = ", ".join(number(x, 2, decimals=3) for x in weakest.wrench[3:])
+    force = weakest.wrench[3:]
+    direction = ", ".join(number(x, 2, decimals=3) for x in force)
     limiting = ""
     if weakest.joint >= 0:
         limiting = f", limited by {weakest.joint_names[int(weakest.joint)]}"
@@ -223,4 +243,5 @@ def _forces(report: PayloadReport) -> Iterator[str]:
 
 
 def _force_text(value: Any) -> str:
+    """Text of a force [N] without its unit; "unbounded" if it is infinite."""
     return number(value, missing="unbounded")

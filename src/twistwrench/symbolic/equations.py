@@ -37,9 +37,9 @@ class Label:
     variable: str = ""
     """Symbol of differentiation; empty for a plain symbol."""
     rate: bool = False
-    """True for the derivative's rate, d/dt of it."""
+    """True for the rate of the derivative, d/dt."""
     time: str = ""
-    """Symbol of time, for the part of a rate due to time alone, ∂/∂t of the derivative."""
+    """Symbol of time for the explicit time derivative ∂/∂t of the derivative; empty otherwise."""
 
     def write(self, notation: Notation) -> str:
         """Text in the given notation."""
@@ -98,9 +98,9 @@ class Equations:
     q: tuple[Any, ...]
     """Symbols of the coordinates."""
     dq: tuple[Any, ...]
-    """Symbols of their rates."""
+    """Symbols of the rates of the coordinates."""
     ddq: tuple[Any, ...]
-    """Symbols of their accelerations."""
+    """Symbols of the accelerations of the coordinates."""
     lagrangian: Any
     """L = K - P."""
     mass_matrix: Any
@@ -118,8 +118,8 @@ class Equations:
     steps: tuple[Step, ...]
     """Steps of the derivation."""
     definitions: tuple[tuple[Any, Any], ...] = ()
-    """Symbol and expression of each intermediate result, in terms of earlier ones. If there are any, everything else is
-    written in terms of them."""
+    """Symbol and expression of each intermediate result, in terms of earlier results. If there are any, all other
+    expressions contain them."""
     parameters: tuple[Parameter, ...] = ()
     """Named numbers, with their values."""
     meanings: tuple[tuple[str, str], ...] = ()
@@ -138,7 +138,8 @@ class Equations:
     @property
     def centripetal(self) -> dict[tuple[int, int], Any]:
         """Non-zero coefficients of q̇_j² in c_i: Γ_ijj at (i, j), counted from 0."""
-        n, coefficients = len(self.q), {}
+        n = len(self.q)
+        coefficients = {}
         for i, j in np.ndindex(n, n):
             if self.christoffel[i, j, j] != 0:
                 coefficients[i, j] = self.christoffel[i, j, j]
@@ -147,7 +148,8 @@ class Equations:
     @property
     def coriolis(self) -> dict[tuple[int, int, int], Any]:
         """Non-zero coefficients of q̇_j q̇_k, j < k, in c_i: 2 Γ_ijk at (i, j, k), counted from 0."""
-        n, coefficients = len(self.q), {}
+        n = len(self.q)
+        coefficients = {}
         for i, j, k in np.ndindex(n, n, n):
             if j < k and self.christoffel[i, j, k] != 0:
                 coefficients[i, j, k] = 2 * self.christoffel[i, j, k]
@@ -171,8 +173,9 @@ class Equations:
         -------
         step : Step
         """
+        step_name = str(name).replace("-", "_")
         for step in self.steps:
-            if step.name == str(name).replace("-", "_"):
+            if step.name == step_name:
                 return step
         raise UnknownNameError.from_choices("step", name, names_of(self.steps))
 
@@ -297,12 +300,13 @@ class Equations:
 
 
 def _with_checked_parameters(function: Callable[..., Any], names: list[str]) -> Callable[..., Any]:
-    """Wrap the function with a check that every constant has a number. ``names`` are the names of all constants."""
+    """Function that first checks that every constant has a number. ``names`` are the names of all constants."""
     function_signature = signature(function)
     has_defaults = function_signature.parameters["parameters"].default is not Argument.empty
 
     @wraps(function)
     def check_and_call(*args: Any, **kwargs: Any) -> Any:
+        """Result of the function; raises ShapeError, UnknownNameError or ValueRangeError for invalid constants."""
         arguments = function_signature.bind_partial(*args, **kwargs).arguments
         if "parameters" not in arguments and has_defaults:
             return function(*args, **kwargs)
@@ -311,19 +315,19 @@ def _with_checked_parameters(function: Callable[..., Any], names: list[str]) -> 
             raise ShapeError(
                 f"parameters={numbers!r}: give a dict of {', '.join(names) or 'nothing'} and their numbers."
             )
-        values = {}
-        for key, value in numbers.items():
-            name = str(key)
+        number_by_name = {}
+        for constant, number in numbers.items():
+            name = str(constant)  # of a symbol
             if name not in names:
                 raise UnknownNameError.from_choices("constant", name, names)
-            values[name] = value
-        missing = [key for key in names if key not in values]
-        if missing:
+            number_by_name[name] = number
+        missing_names = [name for name in names if name not in number_by_name]
+        if missing_names:
             raise ValueRangeError(
-                f"parameters= of {function.__name__} has no number for {', '.join(missing)}. All are wanted: "
+                f"parameters= of {function.__name__} has no number for {', '.join(missing_names)}. All are wanted: "
                 f"{', '.join(names)}."
             )
-        return function(**{**arguments, "parameters": values})
+        return function(**{**arguments, "parameters": number_by_name})
 
     return check_and_call
 
@@ -347,9 +351,10 @@ STEPS = {
 
 
 def entry_name(letter: str, *indices: int) -> str:
-    """Name of an entry: M, 0, 1 → M_12; indices beyond nine are separated."""
-    separator = "_" if max(indices) > 8 else ""
-    index_text = separator.join(str(index + 1) for index in indices)
+    """Name of an entry, with indices from 1: M, 0, 1 → M_12. If an index has two digits, all are separated."""
+    numbers = [index + 1 for index in indices]
+    separator = "_" if max(numbers) > 9 else ""
+    index_text = separator.join(map(str, numbers))
     return f"{letter}_{index_text}"
 
 
@@ -360,16 +365,20 @@ def weighted_sum(coefficients: Iterable[Any], factors: Iterable[Any]) -> Any:
 
 def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     """Fields of :class:`~twistwrench.symbolic.equations.Equations` from K and P."""
-    n, ring = len(terms.coordinates), terms.ring
+    n = len(terms.coordinates)
+    ring = terms.ring
     names, rates, accelerations = variable_names(terms.coordinates)
     motions = [*rates, *accelerations]
-    dq, ddq = list(map(ring.symbol, rates)), list(map(ring.symbol, accelerations))
+    dq = list(map(ring.symbol, rates))
+    ddq = list(map(ring.symbol, accelerations))
     L = terms.kinetic - terms.potential
 
     def write_force(total: TrigPolynomial) -> Any:
+        """Expression of a force, sorted by rates and accelerations, then by angles."""
         return writer.write_by_motion(total, motions, writer.write_by_angle)
 
     def write_energy(total: TrigPolynomial) -> Any:
+        """Expression of an energy or momentum, sorted by rates and accelerations, then by masses."""
         return writer.write_by_motion(total, motions, writer.write_by_mass)
 
     def rate_of(total: TrigPolynomial) -> TrigPolynomial:
@@ -380,9 +389,12 @@ def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
         return result
 
     def product_sum(coefficients: Iterable[TrigPolynomial], factors: Iterable[TrigPolynomial]) -> TrigPolynomial:
+        """Sum of the products of coefficients and factors."""
         return sum(map(operator.mul, coefficients, factors), terms.zero)
 
-    M, gamma, g = terms.mass_matrix, terms.christoffel, terms.gravity_forces
+    M = terms.mass_matrix
+    gamma = terms.christoffel
+    g = terms.gravity_forces
     C: Any = np.empty((n, n), object)
     for i, j in np.ndindex(n, n):
         C[i, j] = product_sum(gamma[i, j], dq)
@@ -391,20 +403,23 @@ def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     slopes = list(map(L.diff, names))  # ∂L/∂q
     momentum_rates = list(map(rate_of, momenta))
     matrix = sympy.ImmutableMatrix
-    written_M = matrix(n, n, lambda i, j: writer.write_by_mass(M[min(i, j), max(i, j)]))
+    written_M = matrix(n, n, lambda i, j: writer.write_by_mass(M[min(i, j), max(i, j)]))  # of the upper triangle
     written_gamma = sympy.ImmutableDenseNDimArray(list(map(writer.write_by_angle, gamma.flat)), gamma.shape)
     written_C = matrix(n, n, lambda i, j: write_force(C[i, j]))
     written_c = matrix(list(map(write_force, c)))
     written_g = matrix(list(map(writer.write_by_angle, g)))
     written_ddq = [writer.symbols[name] for name in accelerations]
-    # If L has terms linear in the rates besides ½ q̇'M q̇ and a potential, they produce further forces.
-    tau, split = [], True
+    # Terms of L that are linear in the rates, beside ½ q̇'M q̇ and a potential, produce further forces.
+    tau = []
+    split = True
     for i in range(n):
         M_ddq = product_sum(M[i], ddq)
-        further_terms = (momentum_rates[i] - slopes[i] - M_ddq - c[i] - g[i]).without_dust(0.0)
-        split &= not further_terms.terms
+        difference = momentum_rates[i] - slopes[i] - M_ddq - c[i] - g[i]
+        further_forces = difference.without_dust(0.0)  # without terms that are zero
+        if further_forces.terms:
+            split = False
         inertia_terms = weighted_sum(written_M.row(i), written_ddq)
-        tau.append(inertia_terms + written_c[i] + written_g[i] + write_force(further_terms))
+        tau.append(inertia_terms + written_c[i] + written_g[i] + write_force(further_forces))
     fields = equation_fields(
         names, rates, written_M, written_gamma, written_C, written_c, written_g, matrix(tau),
         list(map(write_energy, momenta)), list(map(write_energy, momentum_rates)), list(map(write_force, slopes)),
@@ -428,9 +443,9 @@ def equation_fields(
     explicit_time: Sequence[Line] = (),
     only: Iterable[str] = STEPS,
 ) -> dict[str, Any]:
-    """Fields of :class:`Equations`, with the steps of :data:`STEPS` that have lines and whose names are in ``only``.
+    """Fields of :class:`Equations`. Its steps are those of :data:`STEPS` that are in ``only`` and have lines.
 
-    ``q`` and ``dq`` are names of symbols, ``momenta`` are ∂L/∂q̇, ``rates`` their rates, and ``slopes`` ∂L/∂q.
+    ``q`` and ``dq`` are names of symbols, ``momenta`` are ∂L/∂q̇, ``rates`` are d/dt ∂L/∂q̇, and ``slopes`` are ∂L/∂q.
     """
     lines: defaultdict[str, list[Line]] = defaultdict(list)
     lines["explicit_time"] = list(explicit_time)

@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
-from itertools import chain, starmap
+from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -21,13 +21,20 @@ from .names import shortest, sympy
 from .trig_polynomial import Basis, Ring, ShortestForms, TrigPolynomial, Waves
 
 Row = tuple[Any, int, Waves]
-"""Coefficient, monomial, sines and cosines."""
+"""Product of a coefficient, a monomial, and sines and cosines."""
 Term = tuple[Any, int]
-"""Coefficient and monomial."""
+"""Product of a coefficient and a monomial."""
 
-# Sums up to the square of a sum of seven symbols are factored: it has 28 terms.
 _MAX_FACTORED_SYMBOLS = 7
+"""Largest number of symbols in a sum that is factored."""
 _MAX_FACTORED_TERMS = 28
+"""Largest number of terms in a sum that is factored: those of the square of a sum of seven symbols."""
+_MAX_DENOMINATOR = 64
+"""Largest denominator of a simple fraction; other numbers are measured values."""
+_MAX_EXACT_DENOMINATOR = 1 << 20
+"""Largest denominator with which a fraction is compared with a coefficient."""
+_MAX_RATIO_ERROR = 1e-12
+"""Relative difference of two ratios that are equal except for rounding."""
 
 
 class EquationWriter:
@@ -62,13 +69,15 @@ class EquationWriter:
     def write_by_mass(self, total: TrigPolynomial) -> Any:
         """Sum with masses factored out: m_2 (L_1² + 2 L_1 L_2 cos θ_2 + L_2²)."""
         parts: list[Any] = []
-        rows_by_mass = _groups(self._rows(total), lambda row: self._mass_part(row[1]))
+        rows_by_mass: dict[int, list[Row]] = defaultdict(list)  # by the monomial of their masses
+        for row in self._rows(total):
+            _, monomial, _ = row
+            rows_by_mass[self._mass_part(monomial)].append(row)
         for mass, rows in rows_by_mass.items():
             if not mass or len(rows) == 1:
                 parts.extend(starmap(self._product, rows))
                 continue
-            coefficients, _, _ = zip(*rows, strict=True)
-            content = _content(coefficients)
+            content = _content([coefficient for coefficient, _, _ in rows])
             quotients = [(coefficient / content, monomial - mass, waves) for coefficient, monomial, waves in rows]
             parts.append(self._product(content, mass, (), self._write_by_waves(quotients)))
         return sympy.Add(*parts)
@@ -82,17 +91,19 @@ class EquationWriter:
         return sympy.Add(*parts)
 
     def _bracket(self, terms: list[Term]) -> Any:
-        """Sum without sines and cosines: as squares and products if possible, otherwise with each mass once."""
+        """Sum of terms without sines and cosines: as squares and products if possible, otherwise with each mass once."""
         product = self._factorize(terms)
         if product is not None:
             return product
-        terms_by_mass = _groups(terms, lambda term: self._mass_part(term[1]))
+        terms_by_mass: dict[int, list[Term]] = defaultdict(list)  # by the monomial of their masses
+        for coefficient, monomial in terms:
+            terms_by_mass[self._mass_part(monomial)].append((coefficient, monomial))
         parts: list[Any] = []
-        for mass, members in terms_by_mass.items():
-            if not mass or len(members) == 1 or len(terms_by_mass) == 1:
-                parts.append(self._sum(members))
+        for mass, terms_of_mass in terms_by_mass.items():
+            if not mass or len(terms_of_mass) == 1 or len(terms_by_mass) == 1:
+                parts.append(self._sum(terms_of_mass))
                 continue
-            content, common_monomial, quotient = self._divide_by_content(members)
+            content, common_monomial, quotient = self._divide_by_content(terms_of_mass)
             inner = self._factorize(quotient)
             if inner is None:
                 inner = self._sum(quotient)
@@ -100,10 +111,11 @@ class EquationWriter:
         return sympy.Add(*parts)
 
     def _sum(self, terms: list[Term]) -> Any:
+        """Sum of terms, written out."""
         return sympy.Add(*[self._product(coefficient, monomial, ()) for coefficient, monomial in terms])
 
     def _divide_by_content(self, terms: list[Term]) -> tuple[Any, int, list[Term]]:
-        """Number and monomial that divide all terms, and the quotients."""
+        """Number and monomial that divide all terms, and the terms divided by them."""
         coefficients, monomials = zip(*terms, strict=True)
         content = _content(coefficients)
         common_monomial = self._common_monomial(monomials)
@@ -117,7 +129,7 @@ class EquationWriter:
         if not 3 <= len(terms) <= _MAX_FACTORED_TERMS:
             return None
         for coefficient, _ in terms:
-            if not float(64 * coefficient).is_integer():  # not a simple fraction: a measured value
+            if not float(_MAX_DENOMINATOR * coefficient).is_integer():  # not a simple fraction: a measured value
                 return None
         key = frozenset(terms)
         if key not in self._products:
@@ -138,7 +150,8 @@ class EquationWriter:
         if polynomial.total_degree() < 2:
             return None
         content, factors = polynomial.factor_list()
-        if len(factors) == 1 and factors[0][1] == 1:
+        powers_of_factors = [power for _, power in factors]
+        if powers_of_factors == [1]:  # irreducible
             return None
         written_factors = []
         for factor, power in factors:
@@ -148,19 +161,22 @@ class EquationWriter:
     def _expression(self, polynomial: Any, names: list[str]) -> Any:
         """SymPy expression of a SymPy polynomial in the symbols with these names."""
         symbols = [self.symbols[name] for name in names]
-        terms = [sympy.Mul(coefficient, *map(pow, symbols, powers)) for powers, coefficient in polynomial.terms()]
+        terms = []
+        for powers, coefficient in polynomial.terms():
+            factors = map(pow, symbols, powers)
+            terms.append(sympy.Mul(coefficient, *factors))
         return sympy.Add(*terms)
 
     def write_by_motion(self, total: TrigPolynomial, motions: list[str], write: Callable[[TrigPolynomial], Any]) -> Any:
         """Sum sorted by products of rates and accelerations; terms with proportional coefficients are combined.
 
         ``motions`` are the names of rates and accelerations; ``write`` writes a coefficient. A motion in this function is the
-        monomial of such a product, 0 for terms without any.
+        monomial of a product of rates and accelerations, 0 for terms without any.
         """
-        # Each group is a coefficient with its members (ratio to the coefficient, motion).
+        # Each group is a coefficient and its members (ratio, motion); a member stands for ratio · coefficient · motion.
         groups: list[tuple[TrigPolynomial, list[tuple[Any, int]]]] = []
         for motion, coefficient in sorted(total.split(motions).items()):
-            members, ratio = None, None
+            members = ratio = None
             if motion:
                 members, ratio = _proportional_group(groups, coefficient)
             if members is None:
@@ -169,24 +185,30 @@ class EquationWriter:
                 members.append((ratio, motion))
         parts: list[Any] = []
         for coefficient, members in groups:
-            ratios, member_motions = zip(*members, strict=True)
-            if not member_motions[0]:
+            if _has_no_motion(members):
                 parts.append(write(coefficient))
-                continue
-            scale = min(map(abs, ratios))
-            positive_count = np.count_nonzero(np.array(ratios) > 0)
-            if 2 * positive_count < len(ratios):  # most motions get a plus sign
-                scale = -scale
-            sign = 1
-            if all(scale * value < 0 for value in coefficient.terms.values()):
-                sign = -1
-            inner = sympy.Add(*[sympy_number(ratio / scale) * self._power(motion) for ratio, motion in members])
-            outer = write(coefficient * (sign * scale))
-            parts.append(sympy.Mul(sign, *_flat_factors([outer, inner])))
+            else:
+                parts.append(self._write_group(coefficient, members, write))
         return sympy.Add(*parts)
 
+    def _write_group(
+        self, coefficient: TrigPolynomial, members: list[tuple[Any, int]], write: Callable[[TrigPolynomial], Any]
+    ) -> Any:
+        """Coefficient times the sum of its members (ratio, motion), with simple ratios and few minus signs."""
+        ratios = [ratio for ratio, _ in members]
+        scale = min(map(abs, ratios))
+        positive_count = np.count_nonzero(np.array(ratios) > 0)
+        if 2 * positive_count < len(ratios):  # most motions get a plus sign
+            scale = -scale
+        sign = 1
+        if all(scale * value < 0 for value in coefficient.terms.values()):
+            sign = -1
+        motion_sum = sympy.Add(*[sympy_number(ratio / scale) * self._power(motion) for ratio, motion in members])
+        written_coefficient = write(coefficient * (sign * scale))
+        return sympy.Mul(sign, *_flat_factors([written_coefficient, motion_sum]))
+
     def _write_by_waves(self, rows: list[Row]) -> Any:
-        """Sum with equal sines and cosines collected, as squares and products if possible, and common factors once."""
+        """Sum of rows, with equal sines and cosines collected, squares and products formed, and common factors once."""
         parts: list[Any] = []
         for waves, terms in _terms_by_waves(rows).items():
             groups = [terms]
@@ -211,11 +233,11 @@ class EquationWriter:
         return sympy.Mul(*shared_factors, *sympy.Mul.make_args(quotient_sum))
 
     def _disjoint_groups(self, terms: list[Term]) -> list[list[Term]]:
-        """Groups of terms; no symbol is in two groups, as in r² beside (L + x)²."""
+        """Smallest groups of terms without a symbol in two groups, such as the terms of r² and of (L + x)²."""
         groups: list[tuple[set[str], list[Term]]] = []  # names of symbols, and terms, of each group
-        for term in terms:
-            names = set(self.ring.exponents(term[1]))
-            members = [term]
+        for coefficient, monomial in terms:
+            names = set(self.ring.exponents(monomial))
+            members = [(coefficient, monomial)]
             disjoint_groups = []
             for group_names, group_members in groups:
                 if group_names & names:
@@ -280,7 +302,10 @@ class EquationWriter:
 
 def _flat_factors(factors: Iterable[Any]) -> list[Any]:
     """Factors; a factor that is a product is replaced by its own factors."""
-    return list(chain.from_iterable(sympy.Mul.make_args(sympy.sympify(factor)) for factor in factors))
+    flat_factors: list[Any] = []
+    for factor in factors:
+        flat_factors += sympy.Mul.make_args(sympy.sympify(factor))
+    return flat_factors
 
 
 def _terms_by_waves(rows: Iterable[Row]) -> dict[Waves, list[Term]]:
@@ -291,12 +316,10 @@ def _terms_by_waves(rows: Iterable[Row]) -> dict[Waves, list[Term]]:
     return terms
 
 
-def _groups(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:
-    """Items grouped by key, in order."""
-    groups: dict[Any, list[Any]] = defaultdict(list)
-    for item in items:
-        groups[key(item)].append(item)
-    return groups
+def _has_no_motion(members: list[tuple[Any, int]]) -> bool:
+    """True for the group of terms without rates and accelerations, which has one member."""
+    _, motion = members[0]
+    return motion == 0
 
 
 def _proportional_group(groups: list[tuple[TrigPolynomial, list[Any]]], total: TrigPolynomial) -> tuple[Any, Any]:
@@ -305,8 +328,7 @@ def _proportional_group(groups: list[tuple[TrigPolynomial, list[Any]]], total: T
     Groups of terms without rates (motion 0) are ignored.
     """
     for group_sum, members in groups:
-        _, motion = members[0]
-        if not motion:
+        if _has_no_motion(members):
             continue
         ratio = _ratio(total, group_sum)
         if ratio is not None:
@@ -319,10 +341,11 @@ def _ratio(dividend: TrigPolynomial, divisor: TrigPolynomial) -> Any:
     if dividend.terms.keys() != divisor.terms.keys() or not dividend.terms:
         return None
     ratios = [dividend.terms[key] / divisor.terms[key] for key in dividend.terms]
+    first = ratios[0]
     for ratio in ratios:
-        if not abs(ratio - ratios[0]) <= 1e-12 * abs(ratios[0]):
+        if not abs(ratio - first) <= _MAX_RATIO_ERROR * abs(first):  # true for NaN
             return None
-    return ratios[0]
+    return first
 
 
 def _content(coefficients: Sequence[Any]) -> Any:
@@ -333,23 +356,25 @@ def _content(coefficients: Sequence[Any]) -> Any:
     sizes = set(map(abs, coefficients))
     if len(sizes) == 1:
         return sign * abs(coefficients[0])
-    fractions = [Fraction(coefficient).limit_denominator(1 << 20) for coefficient in coefficients]
+    fractions = [Fraction(coefficient).limit_denominator(_MAX_EXACT_DENOMINATOR) for coefficient in coefficients]
     if fractions != list(map(Fraction, coefficients)):  # measured values
         return 1
     denominators = [fraction.denominator for fraction in fractions]
-    if max(denominators) > 64:
+    if max(denominators) > _MAX_DENOMINATOR:
         return 1
     denominator = math.lcm(*denominators)
     numerators = [int(fraction * denominator) for fraction in fractions]
     content = Fraction(sign * math.gcd(*numerators), denominator)
-    return content if isinstance(coefficients[0], Fraction) else float(content)
+    if isinstance(coefficients[0], Fraction):
+        return content
+    return float(content)
 
 
 def sympy_number(value: Any) -> Any:
     """SymPy number: rational if the value is exactly a simple fraction, otherwise a float."""
     if isinstance(value, Fraction):
         return sympy.Rational(value.numerator, value.denominator)
-    if isinstance(value, float) and not (64 * value).is_integer():
+    if isinstance(value, float) and not (_MAX_DENOMINATOR * value).is_integer():
         return sympy.Float(shortest(value))
     exact = Fraction(value)
     return sympy.Rational(exact.numerator, exact.denominator)

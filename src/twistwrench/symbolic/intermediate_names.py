@@ -16,6 +16,7 @@ from .names import names_of, sympy
 from .parameters import BodyEntries, Entry, ModelEntries
 
 AXES = "xyz"
+"""Names of the entries of a vector."""
 
 
 def exact_number(value: float) -> Any:
@@ -27,9 +28,9 @@ class Definitions:
     """Ordered definitions of names for intermediate results, with their derivatives."""
 
     def __init__(self, coordinates: tuple[Coordinate, ...], entries: ModelEntries) -> None:
-        self.q = list(map(sympy.Symbol, names_of(coordinates)))
+        self.q = list(map(sympy.Symbol, names_of(coordinates)))  # symbols of the coordinates
         self.definitions: list[tuple[Any, Any]] = []  # symbol and expression
-        self.groups: list[tuple[str, str, int]] = []  # name and remark of a step, and its first definition
+        self.groups: list[tuple[str, str, int]] = []  # name of a step, its remark, index of its first definition
         self._used_names = set(names_of([*self.q, *entries.parameters]))
         self._expressions: dict[Any, Any] = {}  # by symbol
         self._derivatives: dict[tuple[Any, int], Any] = {}  # by symbol and number of the coordinate
@@ -40,10 +41,10 @@ class Definitions:
         self.groups.append((name, remark, len(self.definitions)))
 
     def name(self, name: str, expr: Any) -> Any:
-        """New name for the expression, or the expression itself if it is a number or a number times a symbol."""
+        """Symbol of a new definition; an expression that is a number, or a number times a symbol, stays as it is."""
         expr = sympy.sympify(expr)
-        _, without_number = expr.as_coeff_Mul()
-        if without_number.is_Symbol or not expr.free_symbols:
+        _, factor = expr.as_coeff_Mul()  # without its numeric coefficient
+        if factor.is_Symbol or not expr.free_symbols:
             return expr
         while name in self._used_names:
             name += "_"
@@ -53,19 +54,18 @@ class Definitions:
         self._expressions[symbol] = expr
         return symbol
 
-    def names(self, pattern: str, vector: Array) -> Array:
-        """Names for the entries of a vector, with x, y, z appended."""
+    def names(self, prefix: str, vector: Array) -> Array:
+        """Symbols for the entries of a vector, named by the prefix and x, y, z; as :meth:`name`."""
         symbols = np.empty(len(vector), object)
         for k, entry in enumerate(vector):
-            symbols[k] = self.name(f"{pattern}{AXES[k]}", entry)
+            symbols[k] = self.name(f"{prefix}{AXES[k]}", entry)
         return symbols
 
     def slope(self, expr: Any, k: int) -> Any:
         """d(expr)/dq_k by the chain rule through the definitions; derivatives of names get names."""
         total = sympy.Integer(0)
-        for symbol in sorted(
-            expr.free_symbols, key=str
-        ):  # sorted, so that names are defined in the same order each time
+        symbols = sorted(expr.free_symbols, key=str)  # so that names are defined in the same order each time
+        for symbol in symbols:
             symbol_slope = self._symbol_slope(symbol, k)
             if symbol_slope != 0:
                 total = total + expr.diff(symbol) * symbol_slope
@@ -95,20 +95,20 @@ class Definitions:
         return self.q[k]
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
-        """Names for the cosine and sine; for a coordinate itself they are c_k and s_k."""
+        """Symbols for cosine and sine of rate · q_k + offset; c_k and s_k if that is q_k itself."""
         key = (k, rate, offset)
         if key not in self._waves:
             self._waves[key] = self._name_waves(k, rate, offset)
         return self._waves[key]
 
     def _name_waves(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
-        """New names for the cosine and sine, with the coordinate's letter unless it is theta, and with their derivatives."""
+        """New symbols for cosine and sine, with their derivatives; their names have the coordinate's letter, except theta."""
         letter, _, index = self.q[k].name.partition("_")
         if letter.startswith("theta"):
             letter = ""
-        earlier_waves = [key for key in self._waves if key[0] == k]
+        earlier_waves = sum(coordinate == k for coordinate, _, _ in self._waves)
         if earlier_waves:
-            index += f"_{len(earlier_waves) + 1}"
+            index += f"_{earlier_waves + 1}"
         argument = exact_number(rate) * self.q[k] + exact_number(offset)
         c = self.name(f"c{letter}_{index}", sympy.cos(argument))
         s = self.name(f"s{letter}_{index}", sympy.sin(argument))
@@ -137,7 +137,7 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     velocities = _velocities(names, model, entries, motions)
     heights = _heights(names, model, entries, motions)
     names.group("mass_matrix", "M_jk = Σ m v_j·v_k + ω_j·I ω_k over the links: K = ½ q̇'M q̇")
-    M = _mass_matrix(names, entries, velocities, n)
+    M = _mass_matrix(names, entries, velocities)
     names.group("potential_energy", "the sum of −m (gravity · p), and the energy of springs")
     gravity_energies = []
     for numbers, height in zip(entries.bodies, heights, strict=True):
@@ -150,11 +150,12 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
         if i <= j:  # M is symmetric
             dM[i, j, k] = dM[j, i, k] = names.slope(M[i, j], k)
     g = [names.slope(P, k) for k in range(n)]
-    return {**_equations(names, coordinates, M, dM, g, P), "definitions": tuple(names.definitions), "form": "named"}
+    fields = _equations(names, coordinates, M, dM, g, P)
+    return {**fields, "definitions": tuple(names.definitions), "form": "named"}
 
 
 def _motions(names: Definitions, entries: ModelEntries, poses: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
-    """Poses of the links with names for their entries."""
+    """Poses (R, p) of the links in their parents, with names for their entries."""
     names.group("placements", "R_i and t_i: rotation and place of each link in the one before it")
     motions = []
     for body, (R, p) in zip(entries.bodies, poses, strict=True):
@@ -169,13 +170,13 @@ def _motions(names: Definitions, entries: ModelEntries, poses: list[tuple[Array,
 def _velocities(
     names: Definitions, model: Model, entries: ModelEntries, motions: Any
 ) -> list[dict[int, tuple[Array, Array]]]:
-    """Velocities of each body: map from coordinates to (ω, v of the centre of mass) per unit of their rate, in body axes."""
+    """For each body: {coordinate: (ω, v of the centre of mass) per unit of its rate}, in body axes."""
     remark = "w_i_j, u_i_j, v_i_j: turning, origin and centre of mass of link i per unit of rate j, in its own axes"
     names.group("velocities", remark)
     origins: list[dict[int, tuple[Array, Array]]] = []
     centres: list[dict[int, tuple[Array, Array]]] = []
     for body, numbers, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
-        columns: dict[int, tuple[Array, Array]] = {}  # (ω, v of the origin) by coordinate
+        columns: dict[int, tuple[Array, Array]] = {}  # (ω, velocity u of the origin) by coordinate
         if body.parent != BASE:  # motion with the parent
             for j, (w, u) in origins[body.parent].items():
                 columns[j] = (R.T @ w, R.T @ (u + _cross(w, p)))
@@ -183,7 +184,8 @@ def _velocities(
             w, u = _joint_column(names, R, k, body, numbers)
             if k in columns:  # a follower also moves with its leader's rate
                 leader_w, leader_u = columns[k]
-                w, u = leader_w + w, leader_u + u
+                w = leader_w + w
+                u = leader_u + u
             columns[k] = (w, u)
         for j, (w, u) in columns.items():
             label = f"{numbers.tag}_{j + 1}"
@@ -196,27 +198,29 @@ def _velocities(
 def _centre_velocities(
     names: Definitions, columns: dict[int, tuple[Array, Array]], numbers: BodyEntries
 ) -> dict[int, tuple[Array, Array]]:
-    """(ω, v of the centre of mass) from (ω, v of the origin); v of a body without mass is zero."""
+    """(ω, v of the centre of mass) from (ω, u of the origin), by coordinate; v is zero for a body without mass."""
     com = numbers_of(names, numbers.com)
-    centres = {}
+    centre_columns = {}
     for j, (w, u) in columns.items():
         v = w * 0
         if numbers.mass.value:
             v = names.names(f"v_{numbers.tag}_{j + 1}", u + _cross(w, com))
-        centres[j] = (w, v)
-    return centres
+        centre_columns[j] = (w, v)
+    return centre_columns
 
 
 def _joint_column(names: Definitions, R: Array, k: int, body: Any, numbers: BodyEntries) -> tuple[Array, Array]:
-    """Contribution of the joint itself: ω and v of the origin in child axes, per unit of the rate of coordinate k."""
+    """Contribution of the joint itself: ω and u of the origin in child axes, per unit of the rate of coordinate k."""
     joint = body.joint
     if joint.nv > 1:
         R_placement = body.placement[:3, :3]
-        entry_number = k - body.v_index
-        return joint.chart_column(
-            entry_number, lambda vector: R.T @ exact(R_placement @ vector), chart_waves(names, body)
-        )
-    ratio = exact(body.ratio) if joint.moves_body else names.number(numbers.ratio)  # a symbol for a gear
+
+        def in_child_axes(vector: Array) -> Any:
+            """Vector in the child's axes, from those of the placement."""
+            return R.T @ exact(R_placement @ vector)
+
+        return joint.chart_column(k - body.v_index, in_child_axes, chart_waves(names, body))
+    ratio = exact(body.ratio) if joint.moves_body else names.number(numbers.ratio)  # a symbol for the gear of a rotor
     w = ratio * exact(joint.axes[0, :3])
     if not joint.axes[0, :3].any():
         return w, exact(body.ratio) * exact(joint.axes[0, 3:])
@@ -225,6 +229,7 @@ def _joint_column(names: Definitions, R: Array, k: int, body: Any, numbers: Body
 
 
 def _cross(a: Array, b: Array) -> Array:
+    """a × b of symbols (3,)."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], object)
 
 
@@ -239,8 +244,9 @@ def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: A
     origin_heights: list[Any] = []  # eta of each body
     centre_heights = []  # zeta of each body
     for body, numbers, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
-        parent_n, parent_eta = minus_gravity, 0
-        if body.parent != BASE:
+        if body.parent == BASE:
+            parent_n, parent_eta = minus_gravity, 0
+        else:
             parent_n, parent_eta = directions[body.parent], origin_heights[body.parent]
         n = names.names(f"n_{numbers.tag}_", R.T @ parent_n)
         eta = names.name(f"eta_{numbers.tag}", parent_eta + parent_n @ p)
@@ -264,15 +270,17 @@ def _spring_energy(names: Definitions, model: Model, entries: ModelEntries) -> A
     return total
 
 
-def _mass_matrix(names: Definitions, entries: ModelEntries, velocities: Any, n: int) -> Array:
+def _mass_matrix(names: Definitions, entries: ModelEntries, velocities: Any) -> Array:
     """M_jk = Σ m v_j·v_k + ω_j·I ω_k over the links, plus the armature; with names for its entries."""
+    n = len(names.q)
     M = np.empty((n, n), object)
     for j in range(n):
         for k in range(j, n):
             total = sympy.Integer(0)
             for body, columns in zip(entries.bodies, velocities, strict=True):
                 if j in columns and k in columns:
-                    (w_j, v_j), (w_k, v_k) = columns[j], columns[k]
+                    w_j, v_j = columns[j]
+                    w_k, v_k = columns[k]
                     I = numbers_of(names, body.inertia)
                     total += names.number(body.mass) * (v_j @ v_k) + w_j @ (I @ w_k)
             if j == k:
@@ -284,14 +292,15 @@ def _mass_matrix(names: Definitions, entries: ModelEntries, velocities: Any, n: 
 _SUMMARY_STEPS = (
     "momenta", "momentum_rates", "slopes", "centripetal", "coriolis", "coriolis_matrix", "equations",
 )  # fmt: skip
-"""Steps that are written after the definitions, which already contain the others."""
+"""Steps that are written after the definitions; the definitions contain all other steps."""
 
 
 def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, P_slopes: Any, P: Any) -> dict[str, Any]:
     """Fields of the equations from M, ∂M/∂q (n, n, n), ∂P/∂q and P."""
     n = len(coordinates)
     coordinate_names, rate_names, acceleration_names = variable_names(coordinates)
-    dq, ddq = list(map(sympy.Symbol, rate_names)), list(map(sympy.Symbol, acceleration_names))
+    dq = list(map(sympy.Symbol, rate_names))
+    ddq = list(map(sympy.Symbol, acceleration_names))
     matrix = sympy.ImmutableMatrix
     names.group("christoffel", "Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j − ∂M_jk/∂q_i), those that are not zero, j ≤ k")
     gamma = np.empty((n, n, n), object)
@@ -314,9 +323,9 @@ def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, P_slop
         dM_dt = [weighted_sum(row, dq) for row in dM[i]]  # row i
         momentum_rates.append(weighted_sum(M[i], ddq) + weighted_sum(dM_dt, dq))
         slopes.append(_quadratic_form(dM[:, :, i] / 2, dq) - g[i])  # ∂L/∂q_i = ½ q̇' ∂M/∂q_i q̇ - ∂P/∂q_i
+    gamma_array = sympy.ImmutableDenseNDimArray(list(gamma.flat), gamma.shape)
     fields = equation_fields(
-        coordinate_names, rate_names, matrix(M),
-        sympy.ImmutableDenseNDimArray(list(gamma.flat), gamma.shape), C, matrix(c), g, matrix(tau),
+        coordinate_names, rate_names, matrix(M), gamma_array, C, matrix(c), g, matrix(tau),
         momenta, momentum_rates, slopes, only=_SUMMARY_STEPS,
     )  # fmt: skip
     lagrangian_step = Step("lagrangian", "K − P", ((Label("L"), L),))
@@ -331,8 +340,8 @@ def _quadratic_form(A: Array, x: list[Any]) -> Any:
 def _definition_steps(names: Definitions) -> list[Step]:
     """Definitions as steps, one for each group that has any."""
     steps = []
-    next_starts = [start for _, _, start in names.groups[1:]]
-    ends = [*next_starts, len(names.definitions)]
+    later_starts = [start for _, _, start in names.groups[1:]]
+    ends = [*later_starts, len(names.definitions)]  # a group ends where the next one starts
     for (name, remark, start), end in zip(names.groups, ends, strict=True):
         lines = []
         for symbol, expr in names.definitions[start:end]:

@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from .equations import Equations, Step
 
 
+_ACCENTS = {"dot": "˙", "ddot": "¨"}
+"""Characters above a letter, by the mark of a name."""
+
+
 class MathML(Notation):
     """Presentation MathML, which browsers display without scripts."""
 
@@ -20,8 +24,7 @@ class MathML(Notation):
         stem, mark, index = name_parts(name)
         letter = f"<mi>{escape(GREEK.get(stem, stem))}</mi>"
         if mark:
-            accent = {"dot": "˙", "ddot": "¨"}[mark]
-            letter = f'<mover accent="true">{letter}<mo>{accent}</mo></mover>'
+            letter = f'<mover accent="true">{letter}<mo>{_ACCENTS[mark]}</mo></mover>'
         if not index:
             return letter
         return f"<msub>{letter}<mi>{escape(index.replace('_', ','))}</mi></msub>"
@@ -84,8 +87,10 @@ class MathML(Notation):
 
 
 def _element(text: str) -> str:
-    """MathML element; text without an element, as of ½, becomes a number."""
-    return text if text.startswith("<") else f"<mn>{text}</mn>"
+    """MathML element; a text that is not an element, such as the 1 of ½, becomes a number."""
+    if text.startswith("<"):
+        return text
+    return f"<mn>{text}</mn>"
 
 
 _STYLE = """
@@ -107,7 +112,7 @@ mtable.matrix { border: solid currentColor; border-width: 0 1.5px; padding: .1em
 
 
 def html_page(equations: Equations, steps: tuple[Step, ...]) -> str:
-    """HTML page; sums are split at their terms, so that browsers break lines between terms."""
+    """HTML page of a derivation with these steps; sums are split at their terms, so that browsers break lines there."""
     notation = MathML()
     title = f"Equations of motion of {escape(equations.name)}"
     remarks = [f'<p class="check">{escape(text)}</p>' for text in remarks_of(equations)]
@@ -128,14 +133,16 @@ def html_page(equations: Equations, steps: tuple[Step, ...]) -> str:
             parts.append(_line(label.write(notation), expr, notation))
         parts.append("</section>")
     parts.append("</body></html>")
-    return "\n".join(filter(None, parts)) + "\n"
+    return "\n".join(filter(None, parts)) + "\n"  # without an empty table
 
 
 def _symbol_table(equations: Equations, notation: MathML) -> str:
     """Table of symbols, meanings and values; empty if there are no symbols with a meaning."""
-    coordinates = [(name, meaning, "") for name, meaning in equations.meanings]
-    parameters = [(parameter.name, parameter.meaning, printed(parameter.value)) for parameter in equations.parameters]
-    rows = coordinates + parameters
+    coordinate_rows = [(name, meaning, "") for name, meaning in equations.meanings]  # without a value
+    parameter_rows = [
+        (parameter.name, parameter.meaning, printed(parameter.value)) for parameter in equations.parameters
+    ]
+    rows = coordinate_rows + parameter_rows
     if not rows:
         return ""
     row_elements = ""
@@ -146,13 +153,14 @@ def _symbol_table(equations: Equations, notation: MathML) -> str:
 
 
 def _line(left: str, expr: Any, notation: MathML) -> str:
-    """Equation as a line of the page; each term of a sum is a formula of its own, between which browsers break lines."""
+    """Equation as a line of the page. Each term of a sum is a formula, since browsers break lines between formulas."""
     if not getattr(expr, "is_Add", False):
         return f'<div class="line"><math>{left}<mo>=</mo>{notation.write(expr)}</math></div>'
-    (first_sign, first), *others = notation.terms(expr)
+    signs_and_terms = notation.terms(expr)
+    first_sign, first_term = signs_and_terms[0]
     if first_sign == "-":
-        first = notation.minus(first)
-    formulas = [f"<math>{left}<mo>=</mo>{first}</math>"]
-    for sign, term in others:
+        first_term = notation.minus(first_term)
+    formulas = [f"<math>{left}<mo>=</mo>{first_term}</math>"]
+    for sign, term in signs_and_terms[1:]:
         formulas.append(f'<math><mo form="infix">{notation.operator(sign)}</mo>{term}</math>')
     return f'<div class="line">{" ".join(formulas)}</div>'

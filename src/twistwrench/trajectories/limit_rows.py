@@ -35,21 +35,28 @@ if TYPE_CHECKING:
 _FLAT_RATIO = 1e-11
 """Ratio of a to the largest a below which a is a rounding error, so that the row bounds x only."""
 _NUDGE = 1e-13
-"""Distance by which the ends of a piece are moved inside, since limits from the left and from the right may differ there."""
+"""Distance in s by which the ends of a piece are moved inside: limits from the left and from the right may differ there."""
 _SIDE_DISTANCE = 1e-12
-"""Distance of the points on both sides of s at which one-sided limits are evaluated."""
+"""Distance in s of the points on both sides at which one-sided limits are evaluated."""
 _GRID_INTERVALS = 400
+"""Number of intervals of the grid on which sign changes are searched."""
 _MIN_BREAK_DISTANCE = 1e-11
-"""Distance of two breaks below which they are one."""
+"""Distance in s of two breaks below which they are one."""
 _MAX_SEARCH_STEPS = 200
+"""Largest number of steps in the search for the largest x."""
+_MAX_SEARCH_CHANGE = 1e-15
+"""Relative change of x at which the search ends."""
 _MAX_ZEROS_ON_GRID = 20
 """Number of zeros at grid points from which f is zero on an interval: f does not change its sign there."""
+_ZERO_RATIO = 1e-13
+"""Ratio of f to its largest value below which f is zero at a grid point."""
 _BISECTION_STEPS = 52
 """Number of bisections that reach the last bit of a number."""
 _MAX_STANDING_SHARE = 1 - 1e-6
 """Share of a limit from which standing still is impossible."""
 _UNBOUNDED_X = 1e12
 """Value of x [1/s²] that counts as unbounded."""
+_MIN_UNBOUNDED_X = 0.999 * _UNBOUNDED_X  # with a margin for the search
 
 
 @dataclass(frozen=True)
@@ -67,13 +74,15 @@ class Rows:
     """Coefficients of k limit rows at points (m,) of the path."""
 
     a: Array
-    """(m, k), as b, c and d."""
+    """Coefficients (m, k) of u."""
     b: Array
+    """Coefficients (m, k) of x."""
     c: Array
+    """Constant terms (m, k)."""
     d: Array
+    """Coefficients (m, k) of √x."""
     cap: Array
-    """Upper bounds of x (m, l), first by the velocities, then by rows whose a is zero; inf for a bound that does not
-    apply."""
+    """Upper bounds of x (m, l): first by the velocities, then by rows whose a is zero; inf for no bound."""
 
     def values(self, u: Array, x: Array) -> Array:
         """a u + b x + d √x + c; (..., m), (..., m) → (..., m, k)."""
@@ -97,39 +106,48 @@ class PathRows:
     """Limit rows of one robot, path and set of limits, at any path position."""
 
     def __init__(self, robot: Robot, path: JointPath, bounds: Limits, *, friction: bool = False) -> None:
-        self.robot, self.path, self.friction = robot, path, friction
+        self.robot = robot
+        self.path = path
+        self.friction = friction
         self.bounds = bounds
         law = robot.model.friction
-        if friction and (np.any(law.load) or np.any(law.static != law.coulomb)):
+        is_supported = not np.any(law.load) and not np.any(law.static != law.coulomb)
+        if friction and not is_supported:
             raise ValueRangeError(
                 f"friction of {robot.name!r} depends on the load or has static or Stribeck parts, but fastest timing supports "
                 f"only viscous and Coulomb friction. Leave friction out ({spell(Argument('friction', False))}) and lower the "
                 "effort limits by the friction torques."
             )
-        # Entries of dq with a limit of torque, acceleration and velocity.
         self.torque = np.flatnonzero(np.isfinite(bounds.effort))
+        """Entries of dq with a limit of torque."""
         self.accelerated = np.flatnonzero(np.isfinite(bounds.acceleration))
+        """Entries of dq with a limit of acceleration."""
         self.fast = np.flatnonzero(np.isfinite(bounds.velocity))
+        """Entries of dq with a limit of velocity."""
         A = bounds.acceleration[self.accelerated]
         D = bounds.deceleration[self.accelerated]
-        self._offset = 0.5 * (D - A)
+        self._offset = 0.5 * (D - A)  # of each row of accelerations
         self.L = np.concatenate([bounds.effort[self.torque], 0.5 * (D + A)])
+        """Limits (k,) of the rows."""
         self.rows = [Row("torque", int(j)) for j in self.torque]
         self.rows += [Row("acceleration", int(j)) for j in self.accelerated]
-        self.flat = np.zeros(len(self.rows), bool)  # for the evaluation of a in the next line
+        self.flat = np.zeros(len(self.rows), bool)  # first none, for the evaluation of a in the next line
+        """Mask (k,) of flat rows: a is zero everywhere."""
         size = np.abs(self.at(self.grid).a)
         self.flat = size.max(axis=0, initial=0.0) <= _FLAT_RATIO * size.max(initial=0.0)
         self.caps = [Row("velocity", int(j)) for j in self.fast]
+        """Quantities (l,) whose limits are upper bounds of x."""
         self.caps += compress(self.rows, self.flat)
 
     @cached_property
     def grid(self) -> Array:
         """Points from 0 to 1, dense enough to resolve every sign change; includes knots of the path."""
-        return np.unique(np.concatenate([np.linspace(0.0, 1.0, _GRID_INTERVALS + 1), self.path.knots]))
+        even_points = np.linspace(0.0, 1.0, _GRID_INTERVALS + 1)
+        return np.unique(np.concatenate([even_points, self.path.knots]))
 
     def at(self, s: Array, low: float = 0.0, high: float = 1.0) -> Rows:
         """Rows at s (m,); at the ends of a piece [low, high] the values from inside it."""
-        nudge = min(_NUDGE * max(1.0, high), 0.1 * (high - low))
+        nudge = min(_NUDGE * max(1.0, high), 0.1 * (high - low))  # a tenth of a very short piece
         s = np.clip(s, low + nudge, high - nudge)
         q, q1, q2 = self.path(s)  # with the derivatives q' and q'' by s
         zero = np.zeros_like(q1)
@@ -137,7 +155,8 @@ class PathRows:
         velocities = np.concatenate([zero, zero, q1])
         accelerations = np.concatenate([zero, q1, q2])
         torques = self.robot.inverse_dynamics(np.concatenate([q, q, q]), velocities, accelerations)
-        at_rest, at_acceleration, in_motion = np.split(motor_torques(self.robot.model, torques), 3)
+        torques = motor_torques(self.robot.model, torques)
+        at_rest, at_acceleration, in_motion = np.split(torques, 3)
         a = at_acceleration - at_rest
         b = in_motion - at_rest
         c = at_rest
@@ -147,7 +166,8 @@ class PathRows:
             motor_q1 = motor_velocities(self.robot.model, q1)
             c = c + law.coulomb * np.sign(motor_q1)
             d = law.viscous * motor_q1
-        j, k = self.torque, self.accelerated
+        j = self.torque
+        k = self.accelerated
         sign = np.where(self._offset != 0, np.sign(q1[:, k]), 1.0)
         a = np.concatenate([a[:, j], sign * q1[:, k]], axis=1)
         b = np.concatenate([b[:, j], sign * q2[:, k]], axis=1)
@@ -155,12 +175,14 @@ class PathRows:
         d = np.concatenate([d[:, j], np.zeros_like(sign)], axis=1)
         flat = self.flat
         with np.errstate(divide="ignore", invalid="ignore"):
-            caps = [(self.bounds.velocity[self.fast] / np.abs(q1[:, self.fast])) ** 2]
+            max_rates = self.bounds.velocity[self.fast] / np.abs(q1[:, self.fast])
+            caps = [max_rates**2]
             if flat.any():  # |b x + c| ≤ L
                 a = np.where(flat, 0.0, a)
-                room = np.where(b[:, flat] > 0, self.L[flat] - c[:, flat], self.L[flat] + c[:, flat])
-                max_x = room / np.abs(b[:, flat])
-                caps.append(np.where(b[:, flat] == 0, np.inf, max_x))
+                flat_b, flat_c, flat_L = b[:, flat], c[:, flat], self.L[flat]
+                max_bx = np.where(flat_b > 0, flat_L - flat_c, flat_L + flat_c)
+                max_x = max_bx / np.abs(flat_b)
+                caps.append(np.where(flat_b == 0, np.inf, max_x))
         return Rows(a, b, c, d, np.concatenate(caps, axis=1))
 
     @cached_property
@@ -168,7 +190,7 @@ class PathRows:
         """Ends of pieces from 0 to 1: knots, zeros of each a, and zeros of q' if a limit depends on its sign."""
         points = [np.array([0.0, 1.0]), self.path.knots]
         points += self._column_zeros(lambda s: self.at(s).a, np.flatnonzero(~self.flat))
-        points += self._column_zeros(lambda s: self.path(s)[1], self.accelerated[self._offset != 0])
+        points += self._column_zeros(self._path_slopes, self.accelerated[self._offset != 0])
         if self.friction:
             points += self._column_zeros(self._drive_velocities, range(self.robot.nv))
         breaks = np.unique(np.concatenate(points))
@@ -176,24 +198,30 @@ class PathRows:
         is_separate[-1] = True  # the end of the path
         return breaks[is_separate]
 
+    def _path_slopes(self, s: Array) -> Array:
+        """q' at s (m,); (m, nv)."""
+        _, q1, _ = self.path(s)
+        return np.asarray(q1)
+
     def _drive_velocities(self, s: Array) -> Array:
         """Velocities of the drives at s (m,) for ds/dt = 1; (m, nv)."""
-        return np.asarray(motor_velocities(self.robot.model, self.path(s)[1]))
+        return np.asarray(motor_velocities(self.robot.model, self._path_slopes(s)))
 
     def _column_zeros(self, f: Callable[[Array], Array], columns: Iterable[int]) -> Iterator[Array]:
-        """Sign changes of some columns of f (m, n), a function of s (m,)."""
+        """For each of these columns of f: its zeros (z,). f is a function of s (m,) with values (m, n)."""
         values = f(self.grid)
         for k in columns:
             yield self._zeros(values[:, k], lambda s, k=k: f(s)[:, k])
 
     def _zeros(self, values: Array, f: Any) -> Array:
-        """Zeros of f, given its values at the points of the grid; all sign changes are bisected at once."""
+        """Zeros (z,) of f, given its values at the points of the grid; all sign changes are bisected at once."""
         scale = np.abs(values).max(initial=0.0)
-        sign = np.sign(np.where(np.abs(values) <= 1e-13 * scale, 0.0, values))
+        is_rounding_error = np.abs(values) <= _ZERO_RATIO * scale
+        sign = np.sign(np.where(is_rounding_error, 0.0, values))
         zeros_on_grid = np.zeros(0)
-        if np.count_nonzero(sign == 0) < _MAX_ZEROS_ON_GRID:
-            zeros_on_grid = self.grid[(sign == 0) & (scale > 0)]
-        k = np.flatnonzero(sign[:-1] * sign[1:] < 0)
+        if scale > 0 and np.count_nonzero(sign == 0) < _MAX_ZEROS_ON_GRID:
+            zeros_on_grid = self.grid[sign == 0]
+        k = np.flatnonzero(sign[:-1] * sign[1:] < 0)  # intervals of the grid
         if not len(k):
             return zeros_on_grid
         low = self.grid[k]
@@ -206,7 +234,7 @@ class PathRows:
         return np.concatenate([zeros_on_grid, 0.5 * (low + high)])
 
     def cap(self, s: Array) -> Cap:
-        """Largest x at s (m,), from both sides if they differ. MR figure 9.11: the velocity limit curve."""
+        """Largest x at s (m,), the smaller one of both sides. MR figure 9.11: the velocity limit curve."""
         left = self.cap_of(self.at(np.clip(s - _SIDE_DISTANCE, 0.0, 1.0)))
         right = self.cap_of(self.at(np.clip(s + _SIDE_DISTANCE, 0.0, 1.0)))
         return Cap(
@@ -217,8 +245,9 @@ class PathRows:
 
     def cap_of(self, rows: Rows) -> Cap:
         """Cap at points with known rows."""
-        by_velocity = rows.cap[:, : len(self.fast)].min(axis=1, initial=np.inf)
-        by_flat_rows = rows.cap[:, len(self.fast) :].min(axis=1, initial=np.inf)
+        velocity_caps, flat_caps = np.split(rows.cap, [len(self.fast)], axis=1)
+        by_velocity = velocity_caps.min(axis=1, initial=np.inf)
+        by_flat_rows = flat_caps.min(axis=1, initial=np.inf)
         by_all_caps = rows.cap.min(axis=1, initial=np.inf)
         by_torque = self._largest_feasible_x(rows, np.minimum(by_flat_rows, _UNBOUNDED_X))
         return Cap(np.minimum(by_all_caps, by_torque), by_velocity, by_torque)
@@ -236,19 +265,19 @@ class PathRows:
             alpha, beta, alpha_slope, beta_slope = self.accelerations(rows, x)
             gap = beta - alpha
             slope = beta_slope - alpha_slope
-            done = (x >= max_x) & (gap >= 0)
+            is_done = (x >= max_x) & (gap >= 0)
             feasible = np.where(gap >= 0, x, feasible)
             infeasible = np.where(gap < 0, x, infeasible)
             with np.errstate(all="ignore"):
                 newton_x = x - np.where(slope < 0, gap / slope, np.nan)
             in_bracket = (newton_x >= feasible) & (newton_x <= infeasible)  # False for NaN
             next_x = np.where(in_bracket, newton_x, 0.5 * (feasible + infeasible))
-            next_x = np.where(done, x, next_x)
+            next_x = np.where(is_done, x, next_x)
             change = np.abs(next_x - x)
             x = next_x
-            if (change <= 1e-15 * x).all():
+            if (change <= _MAX_SEARCH_CHANGE * x).all():
                 break
-        return np.where(x >= 0.999 * _UNBOUNDED_X, np.inf, x)
+        return np.where(x >= _MIN_UNBOUNDED_X, np.inf, x)
 
     def accelerations(self, rows: Rows, x: Array) -> tuple[Array, Array, Array, Array]:
         """Least u α and largest u β at x (m,), and their slopes with respect to x; (m,) each.
@@ -275,17 +304,20 @@ class PathRows:
         return least[points, i], largest[points, j], slope[points, i], slope[points, j]
 
     def require_standing(self) -> None:
-        """Raise PathError if the robot cannot stand still somewhere on the path, so that it may be unable to follow it."""
-        beside_breaks = [np.clip(self.breaks + side, 0, 1) for side in (_SIDE_DISTANCE, -_SIDE_DISTANCE)]
-        s = np.unique(np.concatenate([self.grid, *beside_breaks]))
-        standing = np.abs(self.at(s).c)  # needed at u = x = 0
+        """Raise PathError if the robot cannot stand still at some point of the path; it may then be unable to follow it."""
+        after_breaks = np.clip(self.breaks + _SIDE_DISTANCE, 0, 1)
+        before_breaks = np.clip(self.breaks - _SIDE_DISTANCE, 0, 1)
+        s = np.unique(np.concatenate([self.grid, after_breaks, before_breaks]))
+        standing = np.abs(self.at(s).c)  # torques or accelerations (m, k) at u = x = 0
         share = np.divide(standing, self.L, out=np.zeros_like(standing), where=self.L > 0)
         share[(self.L == 0) & (standing > 0)] = np.inf
         if not share.size or share.max() < _MAX_STANDING_SHARE:
             return
         i, k = np.unravel_index(int(share.argmax()), share.shape)
-        first = s[(share >= _MAX_STANDING_SHARE).any(axis=1)][0]
-        row, model = self.rows[k], self.robot.model
+        is_impossible = (share >= _MAX_STANDING_SHARE).any(axis=1)
+        first = s[is_impossible][0]
+        row = self.rows[k]
+        model = self.robot.model
         names = model.drive_labels if row.kind == "torque" else model.velocity_names
         friction = " against friction" if self.friction else ""
         start = f" (too much from s = {printed(first, 4)})" if first < s[i] else ""
@@ -293,5 +325,5 @@ class PathRows:
             f"the robot cannot hold itself on this path: at s = {printed(s[i], 4)} {names[row.joint]!r} needs "
             f"{printed(standing[i, k], 4)} of {printed(self.L[k], 4)} to stand still{friction}{start}. Take load off, another "
             "path, or a stronger joint.",
-            reached=float(first),
+            reached=float(first),  # s up to which the robot can stand
         )

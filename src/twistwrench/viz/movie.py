@@ -38,7 +38,19 @@ _PALETTE_FRAMES = 4
 _MAX_FRAMES = 2000
 """Maximum number of pictures in a film."""
 _MAX_BARS = 12
-"""Maximum number of torque bars; robots with more joints show those nearest to their limits."""
+"""Maximum number of torque bars; a robot with more joints shows the joints nearest to their limits."""
+_MIN_ROWS = 4
+"""Number of rows for bars, at least; fewer bars are not made thicker."""
+_WIDTH, _HEIGHT = 8.0, 4.5  # of a film [inch]
+_PIXELS_PER_INCH = 100  # 800 x 450 pixels
+_MAX_LINE_LENGTH = 72
+"""Largest number of characters in a line of the verdict's reason."""
+_HALF_WIDTH, _HALF_HEIGHT = 0.56, 0.47
+"""Half the size of the robot's picture, in units of the visible region."""
+_GRID_SIZE = 2.2
+"""Size of the floor's grid, in units of the visible region."""
+_MIN_REACH, _SPACE = 1.15, 1.05
+"""Smallest end of the bars' axis, and its end in units of the largest bar."""
 
 
 def movie(
@@ -106,30 +118,30 @@ def film(
     if scene is None:
         scene = scene_of(robot)
     scene = mark_overloaded_links(scene, motion).decimated(MAX_TRIANGLES)
-    step = max(1, len(frame_times) // _MAX_OVERVIEW_POSES)
-    sample_poses = []
-    for t in frame_times[::step]:
+    frame_step = max(1, len(frame_times) // _MAX_OVERVIEW_POSES)
+    overview_poses = []
+    for t in frame_times[::frame_step]:
         q, _ = motion.at(t)
-        sample_poses.append(q)
-    painter = Painter(scene, *overview(scene, np.array(sample_poses)))
-    with replacing(target) as scratch, style.figure(8.0, 4.5, robot.name, "Filming a motion") as drawn:
-        drawn.set_dpi(100)  # inches to pixels: 800 x 450
-        left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))
-        stage = _Stage(left.subplots(), painter)
-        bars = _Bars(right.subplots(), motion)
+        overview_poses.append(q)
+    painter = Painter(scene, *overview(scene, np.array(overview_poses)))
+    with replacing(target) as scratch, style.figure(_WIDTH, _HEIGHT, robot.name, "Filming a motion") as drawn:
+        drawn.set_dpi(_PIXELS_PER_INCH)
+        left_figure, right_figure = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))
+        stage = _Stage(left_figure.subplots(), painter)
+        bars = _Bars(right_figure.subplots(), motion)
         if motion.report is not None:  # torques were judged
-            _write_payload_and_verdict(left, motion.report)
+            _write_payload_and_verdict(left_figure, motion.report)
         drawn.canvas.draw()
         drawn.set_layout_engine("none")  # fixed layout: computing it takes longer than drawing
         writer = _writer(target.suffix.lower(), fps)
-        with writer.saving(drawn, str(scratch), dpi=100):
-            for k, moment in enumerate(frame_times):
-                q, tau = motion.at(moment)
+        with writer.saving(drawn, str(scratch), dpi=_PIXELS_PER_INCH):
+            for frame_count, t in enumerate(frame_times, start=1):
+                q, tau = motion.at(t)
                 stage.show(q)
-                bars.show(tau, moment)
+                bars.show(tau, t)
                 writer.grab_frame()
-                if progress:
-                    progress(k + 1, len(frame_times))
+                if progress is not None:
+                    progress(frame_count, len(frame_times))
     return target
 
 
@@ -140,10 +152,11 @@ def _write_payload_and_verdict(figure: Any, report: TorqueReport) -> None:
     payload_text = "no payload"
     if masses:
         payload_text = f"payload {masses}"
-    first_line = verdict_text(report).split("\n", 1)[0]
-    reason = fill(first_line.removeprefix(f"{word}: "), 72)
-    colour_name = word_style(word).split()[-1]  # after "bold"
+    first_line, _, _ = verdict_text(report).partition("\n")
+    reason = fill(first_line.removeprefix(f"{word}: "), _MAX_LINE_LENGTH)
+    *_, colour_name = word_style(word).split()  # after "bold"
     colour = COLOURS[Style(colour_name)].plot
+    # Heights and the left end are shares of the figure.
     layout: dict[str, Any] = {"x": 0.03, "va": "top", "ha": "left"}
     figure.text(y=0.97, s=payload_text, fontsize=style.SMALL_FONT, color=style.INK, **layout)
     figure.text(y=0.925, s=word, fontsize=style.SMALL_FONT + 6, color=colour, fontweight="bold", **layout)
@@ -183,14 +196,14 @@ def _frame_times(motion: DrawnMotion, fps: float, speed: float) -> Array:
         if not 0 < value < np.inf:
             raise ValueRangeError(f"{name} is {value}, and must be positive and finite.")
     duration = float(motion.time[-1] - motion.time[0])
-    count = int(duration * fps / speed) + 1
-    if count > _MAX_FRAMES:
+    frame_count = int(duration * fps / speed) + 1
+    if frame_count > _MAX_FRAMES:
         sufficient_speed = np.ceil(duration * fps / _MAX_FRAMES)
         raise ValueRangeError(
-            f"a film of {printed(duration)} s at {printed(fps)} pictures a second takes {count}, more than {_MAX_FRAMES}. "
-            f"Show it faster, such as speed={printed(sufficient_speed)}, or give a part of the motion."
+            f"a film of {printed(duration)} s at {printed(fps)} pictures a second takes {frame_count}, more than "
+            f"{_MAX_FRAMES}. Show it faster, such as speed={printed(sufficient_speed)}, or give a part of the motion."
         )
-    return np.asarray(motion.time[0] + np.arange(count) * speed / fps)
+    return np.asarray(motion.time[0] + np.arange(frame_count) * speed / fps)
 
 
 def _writer(suffix: str, fps: float) -> Any:
@@ -198,7 +211,7 @@ def _writer(suffix: str, fps: float) -> Any:
     from matplotlib.animation import FFMpegWriter
 
     if suffix == ".gif":
-        return gif_writer(round(fps) or 1)  # at least one frame a second
+        return gif_writer(max(1, round(fps)))  # at least one frame a second
     return FFMpegWriter(fps=cast("int", fps), codec="libx264", extra_args=["-pix_fmt", "yuv420p", "-crf", "20"])
 
 
@@ -208,10 +221,13 @@ def gif_writer(fps: int) -> Any:
     from PIL import Image
 
     class Writer(PillowWriter):
+        """Writer that stores all frames with one palette."""
+
         def finish(self) -> None:
+            """Compute the palette from a few frames, and write the file."""
             pictures = [picture.convert("RGB") for picture in self._frames]  # type: ignore[attr-defined]
-            step = max(1, len(pictures) // _PALETTE_FRAMES)
-            samples = pictures[::step]
+            frame_step = max(1, len(pictures) // _PALETTE_FRAMES)
+            samples = pictures[::frame_step]
             width, height = samples[0].size
             column = Image.new("RGB", (width, height * len(samples)))  # the samples, one below the other
             for k, picture in enumerate(samples):
@@ -234,10 +250,10 @@ class _Stage:
         size = painter.camera.distance / CAMERA_DISTANCE  # of the visible region [m]
         axis.set_axis_off()
         axis.set_aspect("equal")
-        axis.set_xlim(-0.56 * size, 0.56 * size)
-        axis.set_ylim(-0.47 * size, 0.47 * size)
+        axis.set_xlim(-_HALF_WIDTH * size, _HALF_WIDTH * size)
+        axis.set_ylim(-_HALF_HEIGHT * size, _HALF_HEIGHT * size)
         self.polygons = axis.add_collection(PolyCollection([], linewidths=0.25, zorder=2))
-        floor_lines = list(painter.grid(2.2 * size))
+        floor_lines = list(painter.grid(_GRID_SIZE * size))
         axis.add_collection(LineCollection(floor_lines, colors=style.FLOOR, linewidths=0.6, zorder=1))
 
     def show(self, q: Array) -> None:
@@ -245,8 +261,8 @@ class _Stage:
         triangles, colours = self.painter.paint(q)
         self.polygons.set_verts(triangles)
         self.polygons.set_facecolor(colours)
-        transparent = colours[:, 3:] < 1.0
-        self.polygons.set_edgecolor(np.where(transparent, 0.0, colours))  # edges hide seams of opaque shapes
+        is_transparent = colours[:, 3:] < 1.0
+        self.polygons.set_edgecolor(np.where(is_transparent, 0.0, colours))  # edges hide seams of opaque shapes
 
 
 class _Bars:
@@ -255,39 +271,41 @@ class _Bars:
     def __init__(self, axis: Any, motion: DrawnMotion) -> None:
         robot = motion.load.with_load
         limits = np.where(motion.limits.effort > 0, motion.limits.effort, np.inf)
-        self.limited = np.isfinite(limits)
-        self.scale = np.where(self.limited, limits, np.maximum(motion.peaks, 1e-9))
-        peak_shares = np.where(self.limited, motion.peaks / self.scale, -1.0)  # joints without a limit come last
+        self.has_limit = np.isfinite(limits)
+        self.scale = np.where(self.has_limit, limits, np.maximum(motion.peaks, 1e-9))  # torque of a full bar
+        peak_shares = np.where(self.has_limit, motion.peaks / self.scale, -1.0)  # joints without a limit come last
         nearest_to_limit = np.argsort(-peak_shares, kind="stable")[:_MAX_BARS]
         self.joints = np.sort(nearest_to_limit)
+        """Indices of the joints with bars."""
         names = [robot.model.velocity_names[k].removesuffix("_joint") for k in self.joints]
         rows = np.arange(len(names))
         self.axis = axis
         self.bars = axis.barh(rows, np.zeros(len(names)), height=0.62)
         axis.axvline(0, color=style.AXIS, linewidth=0.7)
-        reach = max(1.15, 1.05 * float(np.max(motion.peaks / self.scale, initial=0.0)))
+        largest_bar = float(np.max(motion.peaks / self.scale, initial=0.0))
+        reach = max(_MIN_REACH, _SPACE * largest_bar)
         for side in (-1, 1):
             axis.axvline(side, **style.LIMIT)
         axis.set_xlim(-reach, reach)
         axis.set_yticks(rows, names, fontsize=style.SMALL_FONT)
-        axis.set_ylim(max(len(rows), 4) - 0.4, -0.6)  # first joint at the top; few bars are not made thicker
+        axis.set_ylim(max(len(rows), _MIN_ROWS) - 0.4, -0.6)  # first joint at the top
         axis.grid(visible=False, axis="y")
         label = "torque / limit"
-        if not self.limited[self.joints].all():
+        if not self.has_limit[self.joints].all():
             label += ", or / peak"
         axis.set_xlabel(label, fontsize=style.SMALL_FONT)
         self.clock = axis.set_title("", loc="right", color=style.QUIET, fontsize=style.SMALL_FONT + 1)
         axis.tick_params(labelcolor=style.INK)
 
-    def show(self, tau: Array, moment: float) -> None:
+    def show(self, tau: Array, t: float) -> None:
         """Set the bars to torques (nv,) and the clock to a time [s]."""
-        shares = (tau / self.scale)[self.joints]
-        shares_of_limits = np.where(self.limited[self.joints], shares, np.nan)  # nan: the colour of no limit
+        shares = tau[self.joints] / self.scale[self.joints]
+        shares_of_limits = np.where(self.has_limit[self.joints], shares, np.nan)  # nan: the colour of no limit
         colours = share_colours(shares_of_limits)
         for bar, share, colour in zip(self.bars, shares, colours, strict=True):
             bar.set_width(share)
             bar.set_color(colour)
-        self.clock.set_text(f"t = {seconds(moment, 2)} s")
+        self.clock.set_text(f"t = {seconds(t, 2)} s")
 
 
 complete(globals())

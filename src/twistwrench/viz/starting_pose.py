@@ -13,15 +13,19 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 STOP_CLEARANCE = 0.1
-"""Share of its range that a joint keeps from its stops."""
+"""Distance of a joint from its stops, as a share of its range."""
 _SAMPLES = 1024
 """Number of configurations that are compared in a round."""
 _ROUNDS = 8
-"""Number of rounds, each over half the range of the one before."""
-# Values from which a larger one makes a working pose no better.
-_ENOUGH_CONDITIONING = 0.8
-_ENOUGH_ELBOW_HEIGHT = 0.2
-_ENOUGH_DISTANCE_AHEAD = 0.5
+"""Number of rounds; each searches half the range of the previous round."""
+# Values above which a pose is not rated better:
+_ENOUGH_CONDITIONING = 0.8  # smallest singular value, as a share of the best pose's
+_ENOUGH_ELBOW_HEIGHT = 0.2  # above the line to the tip, as a share of the reach
+_ENOUGH_DISTANCE_AHEAD = 0.5  # of the tip, as a share of the reach
+_ELBOW_WEIGHT = 2
+_PENALTY_WEIGHT = 20  # of poses that are too low
+_MIN_SINGULAR_VALUE = 1e-6
+"""Singular value of the scaled Jacobian below which a direction does not count for the rank."""
 _MIN_TIP_HEIGHT = 0.25
 """Height of the tip over the base below which a pose is penalised, as a share of the reach."""
 
@@ -42,16 +46,17 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
     joints = single_joints(robot.model)
     low, high = clear_of_stops(robot)
     neutral = robot.neutral.copy()
-    coordinates = [body.q_index for body in joints]
+    coordinates = [body.q_index for body in joints]  # indices in q
     neutral[coordinates] = np.clip(neutral[coordinates], low, high)
     if tip is None or robot.model.frame(tip).body < 0 or not is_arm(robot.model):
         return neutral
-    if len(joints) != robot.nv or not np.any(robot.model.gravity):
+    has_other_joints = len(joints) != robot.nv
+    if has_other_joints or not np.any(robot.model.gravity):
         return neutral
     rng = np.random.default_rng(0)
     best = neutral
-    for k in range(_ROUNDS):  # first over the whole range, then closer to the best
-        spread = (high - low) * 0.5**k
+    for round_number in range(_ROUNDS):  # first over the whole range, then closer to the best
+        spread = (high - low) * 0.5**round_number
         samples = best[coordinates] + spread * rng.uniform(-1, 1, (_SAMPLES, len(coordinates)))
         Q = np.repeat(neutral[None], _SAMPLES, axis=0)
         Q[:, coordinates] = np.clip(samples, low, high)
@@ -74,7 +79,8 @@ def is_arm(model: Model) -> bool:
     """
     masses = [float(body.inertia.mass) for body in model.bodies]
     freedoms = [0 if body.follows else body.joint.nv for body in model.bodies]
-    max_mass, max_freedom = 0.0, 0  # of a chain
+    max_mass = 0.0  # of a chain
+    max_freedom = 0  # of a chain
     for k in range(len(model.bodies)):
         chain = chain_to_base(model, k)
         max_mass = max(max_mass, sum(masses[j] for j in chain))
@@ -102,7 +108,9 @@ def clear_of_stops(robot: Robot) -> tuple[Array, Array]:
     low = lower + clearance
     high = upper - clearance
     nearest_to_zero = np.clip(0.0, low, high)
-    return np.maximum(low, nearest_to_zero - np.pi), np.minimum(high, nearest_to_zero + np.pi)
+    low = np.maximum(low, nearest_to_zero - np.pi)
+    high = np.minimum(high, nearest_to_zero + np.pi)
+    return low, high
 
 
 def _merit(robot: Robot, Q: Array, tip: str, neutral: Array) -> Array:
@@ -112,25 +120,33 @@ def _merit(robot: Robot, Q: Array, tip: str, neutral: Array) -> Array:
     tips = np.asarray(robot.forward_kinematics(Q, tip))[:, :3, 3]
     base = origins[:, 0]
     base_to_tip = tips - base
-    reach = float(np.linalg.norm(base_to_tip, axis=1).max()) or 1.0
-    along = base_to_tip / np.maximum(np.linalg.norm(base_to_tip, axis=1, keepdims=True), 1e-9)
-    offsets = origins - base[:, None]
-    offsets = offsets - np.einsum("nki,ni->nk", offsets, along)[..., None] * along[:, None]  # from the line to the tip
+    distances = np.linalg.norm(base_to_tip, axis=1, keepdims=True)
+    reach = float(distances.max())
+    if reach == 0.0:
+        reach = 1.0  # [m], not divided by zero
+    tip_directions = base_to_tip / np.maximum(distances, 1e-9)
+    base_to_links = origins - base[:, None]
+    lengths_to_tip = np.einsum("nki,ni->nk", base_to_links, tip_directions)  # components along the line to the tip
+    offsets = base_to_links - lengths_to_tip[..., None] * tip_directions[:, None]  # from this line
     elbow_height = (offsets @ up).max(axis=1) / reach
-    lowest_height = np.minimum((origins @ up).min(axis=1), tips @ up) - base @ up  # [m], of a link or the tip
+    lowest_link = (origins @ up).min(axis=1)
+    lowest_height = np.minimum(lowest_link, tips @ up) - base @ up  # [m], of a link or the tip
     tip_height = (base_to_tip @ up) / reach
     distance_ahead = base_to_tip @ np.array([1.0, 0.0, 0.0]) / reach
     J = np.asarray(robot.jacobian(Q, tip, "world_aligned")).copy()
     J[:, 3:] /= reach
     sigma = np.linalg.svd(J, compute_uv=False)
-    rank = int((sigma > 1e-6).sum(axis=1).max())
+    ranks = (sigma > _MIN_SINGULAR_VALUE).sum(axis=1)
+    rank = int(ranks.max())
     min_sigma = sigma[:, rank - 1] if rank else np.zeros(len(Q))
     conditioning = min_sigma / max(float(min_sigma.max()), 1e-9)
     excursion = np.abs(Q - neutral).mean(axis=1) / np.pi
-    too_low = np.minimum(lowest_height / reach + 1e-6, 0.0) + np.minimum(tip_height - _MIN_TIP_HEIGHT, 0.0)
+    below_base = np.minimum(lowest_height / reach + 1e-6, 0.0)  # with a margin for rounding
+    below_min_height = np.minimum(tip_height - _MIN_TIP_HEIGHT, 0.0)
+    penalty = below_base + below_min_height  # negative
     merit = (
         np.minimum(conditioning, _ENOUGH_CONDITIONING)
-        + 2 * np.minimum(elbow_height, _ENOUGH_ELBOW_HEIGHT)
+        + _ELBOW_WEIGHT * np.minimum(elbow_height, _ENOUGH_ELBOW_HEIGHT)
         + np.minimum(distance_ahead, _ENOUGH_DISTANCE_AHEAD)
     )
-    return np.asarray(merit - excursion + 20 * too_low)
+    return np.asarray(merit - excursion + _PENALTY_WEIGHT * penalty)

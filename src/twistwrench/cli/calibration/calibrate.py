@@ -22,12 +22,12 @@ _SI_FACTORS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "mrad": 1e
 _PLAN_PARAMETERS = ("kind", "degrees", "assume", "noise", "file_accuracy")
 """Parameters of ``calibrate`` that a plan of readings has too."""
 _QUANTITY = re.compile(r"\s*([-+.\deE]+)\s*([a-z]*)\s*")
-"""Number and unit."""
+"""Number, with or without exponent, and unit, which may be absent."""
 Calibration: TypeAlias = CalibratedRobot | FactoryCalibration | MeasuringPoses
 
 
 def _positive_sizes(text: str, flag: str) -> list[float]:
-    """Numbers above 0 with units, one or two, such as 1mm,0.1deg, converted to m and rad."""
+    """One or two sizes above 0 [m or rad] from a text such as 1mm,0.1deg."""
     problem = ValueRangeError(f"{flag} {text!r} is not a length and an angle above 0. Write for example 1mm,0.1deg.")
     sizes = list[float]()
     for part in text.split(","):
@@ -47,7 +47,7 @@ def _positive_sizes(text: str, flag: str) -> list[float]:
 
 
 def _parse_noise(text: str, flag: str) -> float | tuple[float, ...]:
-    """Deviation of all readings, or those of lengths [m] and angles [rad]."""
+    """Standard deviation of all readings [m or rad], or a pair: of lengths [m], and of angles [rad]."""
     sizes = _positive_sizes(text, flag)
     if len(sizes) == 1:
         return sizes[0]
@@ -72,22 +72,25 @@ def _input_files(
     return files
 
 
-def _require_rows(found: Calibration) -> CalibratedRobot | MeasuringPoses:
+def _require_readings(found: Calibration) -> CalibratedRobot | MeasuringPoses:
+    """Result of the command, for the type checker: the files of readings are written only if there are readings."""
     assert not isinstance(found, FactoryCalibration), "a factory calibration has no readings"
     return found
 
 
-def _has_rows(found: Calibration) -> bool:
+def _has_readings(found: Calibration) -> bool:
+    """True for a result with measured or planned readings."""
     return not isinstance(found, FactoryCalibration)
 
 
 def _require_robot(found: Calibration) -> CalibratedRobot | FactoryCalibration:
+    """Result of the command, for the type checker: the robot is written only if there is one."""
     assert not isinstance(found, MeasuringPoses), "a plan of readings has no robot to write"
     return found
 
 
 def _reason_not_to_write(found: Calibration, path: str) -> str:
-    """Reason why the robot's file is not written."""
+    """Reason why the robot's file is not written; empty if it is written."""
     if isinstance(found, MeasuringPoses):
         return f"{path} is not written, since nothing is measured yet; --csv writes the configurations."
     if found.verdict.word is Word.LOOK_AGAIN:
@@ -114,19 +117,19 @@ def _reason_not_to_write(found: Calibration, path: str) -> str:
             "--out OUT",
             "Write the calibrated robot into its URDF or MJCF file; not after LOOK AGAIN.",
             lambda found, path: _require_robot(found).write(path),
-            exists=lambda found: not _reason_not_to_write(found, ""),
+            exists=lambda found: not _reason_not_to_write(found, path=""),  # only whether there is a reason
             missing=_reason_not_to_write,
         ),
         table_file(
-            lambda found, path: _require_rows(found).to_csv(path),
+            lambda found, path: _require_readings(found).to_csv(path),
             "Write the residuals, one row per reading; with --plan the configurations",
-            exists=_has_rows,
+            exists=_has_readings,
         ),
-        picture_file("Draw errors before and after, and groups with intervals.", exists=_has_rows),
+        picture_file("Draw errors before and after, and groups with intervals.", exists=_has_readings),
     ),
     report=True,
     examples=("calibrate ur5 demo", "calibrate ur5 demo --out mine.urdf", "calibrate ur5 --plan 25 --csv poses.csv"),
-    left_out={"seed"},
+    left_out={"seed"},  # a parameter of calibrate that is not an option
     spellings={"outliers": Spelling("--keep-outliers", {"": "keep"}, "Use readings that contradict the others, too.")},
     kinds={
         "MeasurementsGiven | Sequence[MeasurementsGiven]": Kind("LOG", several, REPEATED),
@@ -178,7 +181,7 @@ def _plan_readings(
     """Plan configurations to measure, in addition to those of at most one file of existing readings."""
     if len(measurements) > 1:
         raise ValueRangeError(f"--plan takes one file of existing readings, and {len(measurements)} are given.")
-    for name in ("test", "length"):
+    for name in ("test", "length"):  # the other options of measurements change nothing in a plan
         if asked.get(name):
             raise ValueRangeError(f"--{name} belongs to measurements. Leave it out with --plan.")
     plan_options = {name: asked[name] for name in _PLAN_PARAMETERS if name in asked}

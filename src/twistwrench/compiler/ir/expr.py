@@ -20,13 +20,18 @@ if TYPE_CHECKING:
 class Expr:
     """Value of a traced program. Equal expressions of one trace are the same object."""
 
-    # a and b are the operands of the operation op (None if it has fewer), value is that of a constant, index is the number of
-    # the expression in its trace.
+    # The operation op has the operands a and b; b, or both, are None if it has fewer. value is the value of a constant, and
+    # index is the number of the expression in its trace.
     __slots__ = ("a", "b", "index", "op", "trace", "value")
     __array_priority__ = 1000.0  # NumPy scalars and arrays use the operators below instead of their own
 
     def __init__(self, trace: Trace, op: str, a: Expr | None, b: Expr | None, value: float, index: int) -> None:
-        self.trace, self.op, self.a, self.b, self.value, self.index = trace, op, a, b, value, index
+        self.trace = trace
+        self.op = op
+        self.a = a
+        self.b = b
+        self.value = value
+        self.index = index
 
     def __repr__(self) -> str:
         return f"Expr(%{self.index} = {self.op})"
@@ -79,7 +84,7 @@ class Expr:
         return self * self.sign()
 
     def __pow__(self, power: Any) -> Any:
-        """Power. Integer and half-integer exponents use products and a square root; others exp and log, for positive bases."""
+        """Power: by products and a square root for integer and half-integer exponents, else by exp and log (positive bases)."""
         if isinstance(power, np.ndarray):
             return _elementwise(np.power, self, power)
         if isinstance(power, Expr):
@@ -88,7 +93,8 @@ class Expr:
         if not is_number or not abs(float(power)) <= _MAX_POWER:
             raise TypeError(f"a traced value to the power of {power!r}: powers up to {_MAX_POWER} can be traced.")
         double_power = 2 * float(power)
-        if double_power != int(double_power):
+        is_half_integer = double_power == int(double_power)
+        if not is_half_integer:
             return (float(power) * self.log()).exp()
         if double_power < 0:
             return 1.0 / self ** (-power)
@@ -130,7 +136,7 @@ class Expr:
         return self.trace.cos(self)
 
     def turned(self, by: Any) -> Expr:
-        """Sum of two angles. Its sine and cosine are computed from those of the two angles."""
+        """Angle plus another one; sine and cosine of the sum are computed from sines and cosines of both angles."""
         return self.trace.turned(self, self.trace.lift(by))
 
     def sqrt(self) -> Expr:

@@ -1,6 +1,6 @@
 """Interpreter of programs, for arrays of NumPy, JAX and PyTorch, and for symbols of CasADi.
 
-Fused products round twice here. So results agree with compiled ones up to rounding errors, not to the bit.
+Fused products are rounded twice, so results agree with those of compiled programs up to rounding errors, not to the bit.
 """
 
 from __future__ import annotations
@@ -54,12 +54,13 @@ def _fused_product(product_sign: int, addend_sign: int) -> Callable[..., Any]:
 def evaluated(
     program: Program, elements: Sequence[Any], functions: Functions, spent: Mapping[int, Sequence[int]] | None = None
 ) -> list[Any]:
-    """Elements of all results in C order, from ``elements``, those of all inputs in C order.
+    """Elements of all results in C order. ``elements`` are the elements of all inputs in C order.
 
-    ``spent`` lists the values that are not used after an instruction, by number of the instruction; they are released.
+    ``spent`` lists the values that are no longer used after an instruction, by number of the instruction; they are released.
     """
     values: dict[int, Any] = {}  # by number of the instruction
-    spent = spent or {}
+    if spent is None:
+        spent = {}
     for number, (op, args, value) in enumerate(program.instructions):
         if op == "const":
             values[number] = value
@@ -83,11 +84,12 @@ def batch_shape(arrays: Sequence[Any], program: Program) -> tuple[int, ...]:
 
 
 def last_uses(program: Program) -> dict[int, list[int]]:
-    """Values that are not used after an instruction, by number of the instruction; results are not among them."""
-    last_user: dict[int, int] = {}  # number of the last instruction that uses a value, by number of the value
+    """Values that are no longer used after an instruction, by number of the instruction; results are not among them."""
+    last_use: dict[int, int] = {}  # number of the last instruction that uses a value, by number of the value
     for number, instruction in enumerate(program.instructions):
-        last_user |= dict.fromkeys(instruction.args, number)
+        for operand in instruction.args:
+            last_use[operand] = number
     spent: dict[int, list[int]] = {}
-    for value in last_user.keys() - set(program.results):
-        spent.setdefault(last_user[value], []).append(value)
+    for value in last_use.keys() - set(program.results):
+        spent.setdefault(last_use[value], []).append(value)
     return spent

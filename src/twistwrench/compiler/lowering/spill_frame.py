@@ -8,7 +8,6 @@ origin.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,28 +37,30 @@ class SpillFrame:
         """
         end = len(self.program.instructions)
         live_count_changes = [0] * (end + 1)
-        for number, last in enumerate(self._last_uses):
-            if last:
+        for number, last_use in enumerate(self._last_uses):
+            if last_use:
                 live_count_changes[number + 1] += 1
-                live_count_changes[last + 1] -= 1
+                live_count_changes[last_use + 1] -= 1
         live_counts = list(accumulate(live_count_changes))  # before each instruction
+        max_length = self.length * 3 // 2
         starts = [0]
-        while end - starts[-1] > self.length * 3 // 2:
-            earliest = starts[-1] + self.length // 2
-            latest = starts[-1] + self.length * 3 // 2
-            starts.append(min(range(earliest, latest), key=live_counts.__getitem__))
+        while end - starts[-1] > max_length:
+            earliest_cut = starts[-1] + self.length // 2
+            latest_cut = starts[-1] + max_length
+            cut = min(range(earliest_cut, latest_cut), key=live_counts.__getitem__)
+            starts.append(cut)
         return [*starts, end]
 
     @cached_property
     def _last_uses(self) -> list[int]:
-        """Last instruction that uses each value; 0 for unused values, inputs and constants."""
+        """Number of the last instruction that uses each value; 0 for unused values, inputs and constants."""
         instructions = self.program.instructions
-        last = [0] * len(instructions)
-        for number, (_, args, _) in enumerate(instructions):
-            for operand in args:
+        last_uses = [0] * len(instructions)
+        for number, (_, operands, _) in enumerate(instructions):
+            for operand in operands:
                 if instructions[operand].op not in RELOADABLE_OPERATIONS:
-                    last[operand] = number
-        return last
+                    last_uses[operand] = number
+        return last_uses
 
     @cached_property
     def entries(self) -> dict[int, list[int]]:
@@ -78,35 +79,37 @@ class SpillFrame:
             op, _, value = self.program.instructions[result]
             if op != "const":
                 continue
-            first, count, run_value = runs[-1] if runs else (0, 0, math.nan)
-            if first + count == k and run_value == value:
-                runs[-1] = first, count + 1, value
-            else:
-                runs.append((k, 1, value))
+            if runs:
+                first, count, run_value = runs[-1]
+                if first + count == k and run_value == value:  # goes on
+                    runs[-1] = first, count + 1, value
+                    continue
+            runs.append((k, 1, value))
         return runs
 
     @cached_property
     def slots(self) -> dict[int, int]:
         """Slot of each value that a later part uses: its result entry if it has one, otherwise one after the entries."""
         slots: dict[int, int] = {}
-        free: list[int] = []
-        released_after: dict[int, list[int]] = {}  # slots, by number of the part that uses their values last
+        free_slots: list[int] = []
+        slots_by_last_part: dict[int, list[int]] = {}  # by number of the part that uses their values last
         size = len(self.program.results)
         for part, (first, end) in enumerate(pairwise(self.starts)):
             for number in range(first, end):
-                last = self._last_uses[number]
-                if last < end:  # no later part uses it
+                last_use = self._last_uses[number]
+                if last_use < end:  # no later part uses the value
                     continue
                 if number in self.entries:
                     slots[number] = self.entries[number][0]
                     continue
-                if not free:
-                    free.append(size)
+                if not free_slots:
+                    free_slots.append(size)
                     size += 1
-                slots[number] = free.pop()
-                last_part = bisect_right(self.starts, last) - 1
-                released_after.setdefault(last_part, []).append(slots[number])
-            free.extend(released_after.pop(part, ()))  # not earlier, since the part may still read the old values
+                slots[number] = free_slots.pop()
+                last_part = bisect_right(self.starts, last_use) - 1
+                slots_by_last_part.setdefault(last_part, []).append(slots[number])
+            # Slots become free after the part, since it may still read their values.
+            free_slots.extend(slots_by_last_part.pop(part, ()))
         return slots
 
     @cached_property
@@ -117,7 +120,7 @@ class SpillFrame:
 
 
 def _slot_address(w: LlvmWriter, slot: int | str, base: str) -> str:
-    """Address of a slot; its number is known, or the name of an i64."""
+    """Address of a slot relative to ``base``; ``slot`` is a number, or the name of an i64."""
     vector_bytes = w.lanes * w.precision.bytes
     if isinstance(slot, int):
         return w.gep(base, slot * vector_bytes)
@@ -139,62 +142,74 @@ def store_slot(w: LlvmWriter, value: str, slot: int | str, base: str = "%frame")
 def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
     """Write rows of ``columns`` elements at ``base`` from the slots starting at ``entry``.
 
-    A loop writes the tiles; the last tile, which ends with the row, follows. ``label`` is that of the current block; returns
-    that of the block afterwards. ``zeros`` is the name of a table of :func:`zero_tiles`, whose tiles need no loads.
+    A loop writes the tiles from the left. If they do not fill the row, one more tile ends with the row. ``label`` is the label
+    of the current block; the label of the block afterwards is returned. ``zeros`` is the name of a table of
+    :func:`zero_tiles`, or empty; tiles that are all zero need no loads.
     """
-    whole_rows = RowStorer(w, base, columns)
-    if not whole_rows.starts:  # too narrow for tiles
+    rows = RowStorer(w, base, columns)
+    if not rows.starts:  # too narrow for tiles
         for c in range(columns):
-            whole_rows.put(c, load_slot(w, entry + c))
+            rows.put(c, load_slot(w, entry + c))
         return label
-    with w.loop(str(columns // whole_rows.span), label) as tile:
-        first_column = w.new(f"mul i64 {tile}, {whole_rows.span}")
+    with w.loop(str(columns // rows.span), label) as tile:
+        first_column = w.new(f"mul i64 {tile}, {rows.span}")
         after_tile = ""
         if zeros:
-            full, empty, after_tile = w.label("full"), w.label("empty"), w.label("stored")
-            is_zero = w.new(f"load i1, ptr {w.gep(f'@{zeros}', tile)}, align 1")
+            full = w.label("full")
+            empty = w.label("empty")
+            after_tile = w.label("stored")
+            zero_address = w.gep(f"@{zeros}", tile)
+            is_zero = w.new(f"load i1, ptr {zero_address}, align 1")
             w.do(f"br i1 {is_zero}, label %{empty}, label %{full}")
             w.begin(empty)
-            address = w.gep(base, w.new(f"mul i64 {first_column}, {w.precision.bytes}"))
+            byte_offset = w.new(f"mul i64 {first_column}, {w.precision.bytes}")
+            address = w.gep(base, byte_offset)
             RowStorer(w, address, columns).clear()
             w.do(f"br label %{after_tile}")
             w.begin(full)
-        _store_tile(w, base, columns, first_column, w.new(f"add i64 {first_column}, {entry}"))
+        first_slot = w.new(f"add i64 {first_column}, {entry}")
+        _store_tile(w, base, columns, first_column, first_slot)
         if after_tile:
             w.do(f"br label %{after_tile}")
             w.begin(after_tile)
     label = w.after
-    if columns % whole_rows.span:
-        last = columns - whole_rows.span
-        _store_tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"))
+    if columns % rows.span:
+        last_column = columns - rows.span  # the first one of the last tile
+        first_slot = w.new(f"add i64 0, {entry + last_column}")
+        _store_tile(w, base, columns, str(last_column), first_slot)
     return label
 
 
 def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
     """Constant table with 1 for each tile of a row that is all zero, else 0; empty if no tile is all zero.
 
-    ``zero`` is True for each zero column, and ``span`` the number of columns of a tile.
+    ``zero`` is True for each zero column, and ``span`` is the number of columns of a tile.
     """
-    is_zero_tile = [int(all(zero[k : k + span])) for k in range(0, len(zero) - span + 1, span)]
+    tiles = [zero[first : first + span] for first in range(0, len(zero) - span + 1, span)]
+    is_zero_tile = [int(all(tile)) for tile in tiles]
     if not any(is_zero_tile):
         return ""
     return f"@{name} = internal constant [{len(is_zero_tile)} x i8] [{typed_list('i8', is_zero_tile)}]"
 
 
-def _store_tile(w: LlvmWriter, base: str, columns: int, first_column: str, entry: str) -> None:
-    """Write one tile, from slots in the frame that start at ``entry``."""
-    address = w.gep(base, w.new(f"mul i64 {first_column}, {w.precision.bytes}"))
+def _store_tile(w: LlvmWriter, base: str, columns: int, first_column: str, first_slot: str) -> None:
+    """Write one tile, from slots in the frame that start at ``first_slot``."""
+    byte_offset = w.new(f"mul i64 {first_column}, {w.precision.bytes}")
+    address = w.gep(base, byte_offset)
     storer = RowStorer(w, address, columns)
     for c in range(storer.span):
-        storer.put(c, load_slot(w, w.new(f"add i64 {entry}, {c}")))
+        slot = w.new(f"add i64 {first_slot}, {c}")
+        storer.put(c, load_slot(w, slot))
 
 
 def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name: str = "prepare") -> str:
-    """Function that stores constant result entries in the frame, once for all blocks: no block overwrites them."""
+    """Text of a function that stores constant result entries in the frame, once for all blocks: no block overwrites them."""
     label = "entry"
     for first, count, value in constants:
         with w.loop(str(count), label) as k:
-            store_slot(w, w.splat(value), w.new(f"add i64 {k}, {first}"))
+            vector = w.splat(value)
+            slot = w.new(f"add i64 {k}, {first}")
+            store_slot(w, vector, slot)
         label = w.after
     body = "\n".join(w.lines)
     return f"define internal void @{name}(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
@@ -224,7 +239,7 @@ class FrameLayout:
         return [*(f"%a{k}" for k in range(self.arrays)), "%frame"]
 
     def place(self, slot: int) -> tuple[int, str]:
-        """Index of a slot relative to a pointer, and that pointer."""
+        """Index of a slot from a pointer on, and the pointer."""
         return slot, "%frame"
 
 
@@ -241,23 +256,23 @@ class RowLayout(FrameLayout):
         self.arrays = self.inputs + len(columns.outputs)
 
     def place(self, slot: int) -> tuple[int, str]:
-        """Index of a slot relative to a pointer, and that pointer."""
-        result = bisect_right(self.starts, slot) - 1
+        """Index of a slot from a pointer on, and the pointer."""
+        result = bisect_right(self.starts, slot) - 1  # number of the result; of the frame, one after the last
         pointer = "%frame" if slot >= self.starts[-1] else f"%a{self.inputs + result}"
         return slot - self.starts[result], pointer
 
     def fill(self, w: LlvmWriter, first: int, count: int, value: float) -> None:
         """Store a constant in ``count`` slots from ``first`` on."""
         element_bytes = w.precision.bytes
+        max_length = MAX_STORE_BYTES // element_bytes
+        slot = first
         end = first + count
-        while first < end:
-            index, base = self.place(first)
-            next_array = bisect_right(self.starts, first)
+        while slot < end:
+            index, base = self.place(slot)
+            next_array = bisect_right(self.starts, slot)
             array_end = self.starts[next_array] if next_array < len(self.starts) else end
-            length = min(
-                end - first, array_end - first, MAX_STORE_BYTES // element_bytes
-            )  # of this store, within one array
+            length = min(end - slot, array_end - slot, max_length)  # of one store, within one array
             constant = f"splat ({w.element} {w.number(value)})"
             address = w.gep(base, index * element_bytes)
             w.do(f"store <{length} x {w.element}> {constant}, ptr {address}, align {element_bytes}")
-            first += length
+            slot += length

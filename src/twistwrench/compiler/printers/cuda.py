@@ -37,9 +37,9 @@ OPTIONS = ("-std=c++17", "-fmad=false")
 """Options of a CUDA compiler: the version of C++, and no fusion by the compiler."""
 
 MAX_OPTIMISED_LENGTH = 10_000
-"""Maximum number of instructions of a program for the last optimisations, which would take minutes for longer ones."""
+"""Maximum number of instructions of a program for the last optimisations; they would take minutes for longer programs."""
 LESS_OPTIMISATION = "--ptxas-options=-O1"
-"""Option that skips these optimisations. Results do not change."""
+"""Option that skips the last optimisations. Results do not change."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class CudaFunction:
     program: Program
     """Program of the kernel."""
     precision: str = "double"
-    """"float" or "double"."""
+    """Type of numbers: "float" or "double"."""
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -68,9 +68,12 @@ class CudaFunction:
     @property
     def source(self) -> str:
         """Complete text: a kernel for a CUDA compiler; for a C++ compiler, a function that runs it on the processor."""
-        real, suffix = self.precision, PRECISIONS[self.precision]
+        real = self.precision
+        suffix = PRECISIONS[self.precision]  # of the names of functions
         names = CFunction(self.name, self.program, self.precision).parameters
-        inputs, outputs = names[: len(self.program.inputs)], names[len(self.program.inputs) :]
+        input_count = len(self.program.inputs)
+        inputs = names[:input_count]
+        outputs = names[input_count:]
         row_parameters: list[str] = []  # of the function for one sample
         row_arguments: list[str] = []  # in its call for sample i
         kernel_parameters: list[str] = ["long long samples"]

@@ -30,25 +30,27 @@ if TYPE_CHECKING:
 Arrays = tuple[Array, ...]
 
 MIN_PART = 2.5e6
-"""Operations of the smallest part, about 0.1 ms: four times the handover. Work of less than two such parts is not divided."""
+"""Operations of the smallest part: about 0.1 ms, four times the handover. Less work than two such parts is not divided."""
 
 PARTS_EACH = 4
 """Parts per thread: if one thread is delayed, the others take the remaining parts."""
 
 ROWS = 64
-"""Long axes are divided at multiples of this number of rows, so that all parts but the last fill the lanes of any machine."""
+"""Number of rows at multiples of which long axes are divided, so that all parts but the last fill the lanes of any machine."""
 
-SINE, ENTRY = 18, 6
-"""Cost of a sine or cosine, and of reading or writing an entry, in operations of a lane."""
+# Costs in operations of a lane.
+SINE = 18  # a sine or cosine
+ENTRY = 6  # reading or writing an entry
 
-ONE_ROOM, SEVERAL_ROOMS = 1 << 24, 1 << 19
-"""Sizes [bytes] of a single result, and of several together, from which they are allocated here. Smaller results cause no page
-faults with NumPy's own allocation."""
+# Sizes of results [bytes] from which they are allocated here; smaller ones cause no page faults with NumPy's own allocation.
+ONE_ROOM = 1 << 24  # a single result
+SEVERAL_ROOMS = 1 << 19  # several results together
 
 MIN_ELEMENTS_FOR_ROOMS = 2048
-"""Minimum number of elements in the first input for a check of the sizes; 4 times as many for a single result."""
+"""Number of elements in the first input from which sizes of results are checked; 4 times as many for a single result."""
 
-FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
+FLOAT32 = np.dtype(np.float32)
+FLOAT64 = np.dtype(np.float64)
 
 # Codes of the types that NumPy casts to doubles, and to singles.
 TO_DOUBLE = frozenset(c for c in "?" + np.typecodes["AllInteger"] + np.typecodes["Float"] if np.can_cast(c, "d"))
@@ -80,15 +82,17 @@ def cost_model(form: Form) -> int:
 
 
 def _operations(program: Program) -> int:
+    """Operations of a program, without reading and writing entries."""
     counts = program.counts()
-    return sum(counts.values()) + (SINE - 1) * (counts.get("sin", 0) + counts.get("cos", 0))
+    sines = counts.get("sin", 0) + counts.get("cos", 0)
+    return sum(counts.values()) + (SINE - 1) * sines
 
 
 def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[list[Part], Arrays] | None:
-    """Parts of a call and its whole outputs; None if the call is left whole.
+    """Parts of a call and its whole outputs; None if the call is not divided.
 
-    This is so for one thread, for little work, and if an argument is not a plain array: NumPy then handles arguments that it
-    rejects, converts or copies by its own rules.
+    A call with little work, or for one thread, is not divided. Neither is a call with an argument that is not a plain array,
+    which NumPy rejects, converts or copies by its own rules.
     """
     owner = _owner_of()(kernel)
     if owner is None or len(given) != len(owner.given.inputs):
@@ -101,10 +105,12 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     work = math.prod(batch) * owner.cost
     if single:
         work /= 2  # twice as many lanes
-    count = min(int(work / MIN_PART), PARTS_EACH * threads)
+    count = min(int(work / MIN_PART), PARTS_EACH * threads)  # of the parts
     if count < 2:
         return None
-    count = max(count // threads * threads, min(count, threads))  # as many for each thread, if there is one for each
+    count = max(
+        count // threads * threads, min(count, threads)
+    )  # equally many for each thread, if there is one for each
     shapes = [batch + port.shape for port in owner.given.outputs]
     dtype = FLOAT32 if single else FLOAT64
     outputs = _outputs(out, shapes, dtype, arrays)
@@ -113,9 +119,9 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     if single:
         owner.address(SINGLE)  # compiled before the threads start, and here, where exceptions propagate
     axis = _divided_axis(batch, count)
-    rows_per_part = -(-batch[axis] // count)
+    rows_per_part = -(-batch[axis] // count)  # rounded up
     if rows_per_part >= ROWS:
-        rows_per_part = -(-rows_per_part // ROWS) * ROWS
+        rows_per_part = -(-rows_per_part // ROWS) * ROWS  # rounded up to a multiple
     ports = (*owner.given.inputs, *owner.given.outputs)
     indices = [
         _index_before_axis(a, port, axis - len(batch)) for a, port in zip((*arrays, *outputs), ports, strict=True)
@@ -224,6 +230,7 @@ def _index_before_axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ..
 
 MAX_THREADS = 1024
 VARIABLE = "TWISTWRENCH_THREADS"
+"""Environment variable with the number of threads."""
 
 POOLS = frozenset({"anyio", "concurrent", "dask", "distributed", "joblib", "multiprocessing", "ray"})
 """Packages with thread pools. Calls from their threads are not divided, as the work is distributed already."""
@@ -282,8 +289,9 @@ def get_threads() -> int:
 
 
 def _count_from_environment() -> int:
+    """Number of threads by the environment variable, by default 1; raises ValueRangeError for other texts."""
     text = os.environ.get(VARIABLE, "").strip() or "1"
-    is_number = text.isdecimal() and len(text) < 9
+    is_number = text.isdecimal() and len(text) < 9  # a longer number is too large, and may be slow to convert
     return _thread_count(int(text) if is_number else text, VARIABLE)
 
 
@@ -317,12 +325,12 @@ def share(kernel: Any, parts: Iterable[Part]) -> None:
         try:
             raise problem
         finally:
-            del (
-                problem
-            )  # its traceback refers to this frame, which would keep the arrays until the next garbage collection
+            # The traceback refers to this frame, which would keep the arrays until the next garbage collection.
+            del problem
 
 
 def _thread_count(count: Any, who: str) -> int:
+    """Validated number of threads; ``who`` is the function or variable that messages name."""
     try:
         threads = operator.index(count)
     except TypeError:
@@ -336,11 +344,13 @@ def _thread_count(count: Any, who: str) -> int:
 
 
 def _is_worker_process() -> bool:
+    """True in a worker process of ``multiprocessing``, joblib or Dask."""
     process = sys.modules.get("multiprocessing.process")  # also loaded by joblib and Dask
     return process is not None and process.parent_process() is not None
 
 
 def _is_worker_thread() -> bool:
+    """True in a helper, and in a thread that a pool's package started."""
     if getattr(_THIS_THREAD, "is_helper", False):
         return True
     if threading.get_ident() == threading.main_thread().ident:
@@ -360,7 +370,7 @@ class _Job:
         self.kernel = kernel
         self.parts = deque(parts)
         self.context = copy_context()  # includes np.errstate
-        self.changed = threading.Condition()
+        self.changed = threading.Condition()  # notified when a helper ends
         self.helpers = 0
         self.problem: BaseException | None = None
 
@@ -393,7 +403,8 @@ class _Job:
         with self.changed:
             while self.helpers:
                 self.changed.wait()
-            problem, self.problem = self.problem, None
+            problem = self.problem
+            self.problem = None
         return problem
 
 
@@ -413,12 +424,15 @@ class _ThreadPool:
         """True if this process has set its number of threads."""
         self.lock = threading.RLock()
         self.size = 0
+        """Number of helpers."""
         self.calls: SimpleQueue[_Job | None] = SimpleQueue()
+        """Jobs for helpers; None ends a helper."""
 
     def resize(self, count: int) -> None:
         """Set the number of threads; existing helpers end after their jobs."""
         with self.lock:
-            self.wanted, self.set_here = count, True
+            self.wanted = count
+            self.set_here = True
             self._dismiss()
 
     def invite(self, job: _Job, helpers: int) -> None:
@@ -432,6 +446,7 @@ class _ThreadPool:
             calls.put(job)
 
     def _hire(self, helpers: int) -> None:
+        """Start helpers."""
         self.size = helpers
         for k in range(helpers):
             # A daemon, so that idle helpers do not prevent Python from exiting.
@@ -442,6 +457,7 @@ class _ThreadPool:
                 return
 
     def _dismiss(self) -> None:
+        """End all helpers after their jobs; new helpers get another queue."""
         for _ in range(self.size):
             self.calls.put(None)  # ends a helper
         self.size = 0
@@ -449,6 +465,7 @@ class _ThreadPool:
 
 
 def _serve_jobs(calls: SimpleQueue[_Job | None]) -> None:
+    """Take part in one job after another, until a None: target of helper threads."""
     _THIS_THREAD.is_helper = True
     while (job := calls.get()) is not None:
         job.help()

@@ -26,14 +26,15 @@ from ...core.typing import Array
 from .interpreter import switched_on
 
 VARIABLE = "TWISTWRENCH_HUGE_PAGES"
+"""Environment variable that switches huge pages off."""
 
 PAGE = 1 << 21
 """Size of a huge page [bytes] on x86-64, and on AArch64 with 4 kB pages."""
 
 MAX_POOL = 1 << 30
-"""Limit of all blocks together [bytes]."""
+"""Largest size of all blocks together [bytes]."""
 MEMORY_PER_POOL = 16
-"""Smallest ratio of the memory of the machine or container to all blocks together."""
+"""Smallest ratio of available memory, of the machine or container, to the size of all blocks together."""
 
 
 class _Block:
@@ -43,13 +44,13 @@ class _Block:
         self.size = size
         self.memory = mmap.mmap(-1, size + PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         start = ctypes.addressof(ctypes.c_char.from_buffer(self.memory))
-        self.first = -start % PAGE  # offset of the first huge page
-        self.address = start + self.first
+        self.offset = -start % PAGE  # of the first huge page in the memory
+        self.address = start + self.offset
         self.memory.madvise(mmap.MADV_HUGEPAGE)
 
 
 class _Lease:
-    """Block in use. NumPy makes an array from it. The array and all its views keep the lease, and its end frees the block."""
+    """Lease of a block, from which NumPy makes an array. The array and its views keep the lease, whose end frees the block."""
 
     def __init__(self, pool: ResultPool, block: _Block) -> None:
         self._pool = pool
@@ -60,12 +61,12 @@ class _Lease:
         }  # fmt: skip
 
     def __del__(self) -> None:
-        if self._idle is self._pool.idle:  # otherwise this process was forked since, and the block is its parent's
+        if self._idle is self._pool.idle:  # otherwise this process was forked since, and its parent owns the block
             self._pool.release(self._block)
 
 
 class ResultPool:
-    """Pool of all blocks of this process: ``blocks`` are all, ``idle`` those without views."""
+    """Pool of all blocks of this process. ``idle`` are the blocks without views, ``blocks`` are all."""
 
     def __init__(self) -> None:
         self.begin()
@@ -83,21 +84,20 @@ class ResultPool:
         There are four block sizes per power of two, so that a block can be reused for results of similar size. If there is no
         room for a new block, idle blocks of other sizes are freed, the oldest first.
         """
-        pages = -(-size // PAGE)
-        step = 1 << max(0, pages.bit_length() - 3)
+        pages = -(-size // PAGE)  # rounded up
+        step = 1 << max(0, pages.bit_length() - 3)  # pages between two block sizes
         size = -(-pages // step) * step * PAGE
         for block in list(self.idle):
             if block.size == size and self._remove(block):
                 return _Lease(self, block)
-        idle = list(self.idle)
-        # Negative if there is no room for the new block.
-        free = bound() - size - _total_size(self.blocks)
-        if free + _total_size(idle) < 0:
+        idle_blocks = list(self.idle)
+        room = bound() - size - _total_size(self.blocks)  # bytes beside the new block; negative if it does not fit
+        if room + _total_size(idle_blocks) < 0:
             return None
-        for block in idle:
-            if free < 0 and self._remove(block):
+        for block in idle_blocks:
+            if room < 0 and self._remove(block):
                 self.blocks.remove(block)
-                free += block.size
+                room += block.size
         try:
             block = _Block(size)
         except (OSError, ValueError, OverflowError):
@@ -108,7 +108,7 @@ class ResultPool:
     def release(self, block: _Block) -> None:
         """Put a block into the idle list. While it is there, the system may reclaim its pages if memory is short."""
         with suppress(OSError):
-            block.memory.madvise(mmap.MADV_FREE, block.first, block.size)
+            block.memory.madvise(mmap.MADV_FREE, block.offset, block.size)
         self.idle.append(block)
 
     def clear(self) -> None:
@@ -132,16 +132,18 @@ _POOL = ResultPool()
 @cache
 def may_use_huge_pages() -> bool:
     """True if large results may use huge pages: if the system has them, unless ``TWISTWRENCH_HUGE_PAGES=0``."""
-    effects = "leave large results to NumPy's own memory", "keep it for the next ones"  # of the values 0 and 1
-    return switched_on(VARIABLE, *effects) and hasattr(mmap, "MADV_HUGEPAGE") and hasattr(mmap, "MADV_FREE")
+    effect_of_0 = "leave large results to NumPy's own memory"
+    effect_of_1 = "keep it for the next ones"
+    has_huge_pages = hasattr(mmap, "MADV_HUGEPAGE") and hasattr(mmap, "MADV_FREE")
+    return switched_on(VARIABLE, effect_of_0, effect_of_1) and has_huge_pages
 
 
 @cache
 def bound() -> int:
     """Limit of all blocks together [bytes]."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    available = min([memory, *_control_group_limits()])
-    return min(MAX_POOL, available // MEMORY_PER_POOL)
+    available_memory = min([memory, *_control_group_limits()])
+    return min(MAX_POOL, available_memory // MEMORY_PER_POOL)
 
 
 def _control_group_limits() -> list[int]:
@@ -152,9 +154,10 @@ def _control_group_limits() -> list[int]:
             _, controllers, path = line.split(":", 2)
             if controllers and "memory" not in controllers.split(","):
                 continue
-            root, name = "/sys/fs/cgroup", "memory.max"  # version 2, which names no controllers
-            if controllers:
+            if controllers:  # version 1
                 root, name = "/sys/fs/cgroup/memory", "memory.limit_in_bytes"
+            else:  # version 2, which names no controllers
+                root, name = "/sys/fs/cgroup", "memory.max"
             group = Path(root + path)
             for folder in (group, *group.parents):  # limits of outer groups apply too
                 with suppress(OSError, ValueError):
@@ -163,6 +166,7 @@ def _control_group_limits() -> list[int]:
 
 
 def _total_size(blocks: Iterable[_Block]) -> int:
+    """Size of blocks together [bytes]."""
     return sum(block.size for block in blocks)
 
 
@@ -175,13 +179,13 @@ MIN_SEPARATE = 1 << 25
 """Size of results [bytes] whose memory the C library never reuses: its maximum threshold."""
 
 LEAST_POOLED = 1 << 20
-"""Minimum size [bytes] of one of several large results for its own pooled block."""
+"""Smallest size [bytes] of a result with a pooled block of its own, if the results together are large."""
 
 LINE = 64
 """Size of a cache line [bytes], to which each result is aligned."""
 
 MIN_ALIGNED = 1 << 20
-"""Size of results [bytes] above which they are aligned to the processor's cache lines, for stores that bypass the caches."""
+"""Size of all results [bytes] from which the block is aligned to the processor's cache lines, for stores past the caches."""
 
 
 def result_arrays(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tuple[Array, ...]:
@@ -190,7 +194,7 @@ def result_arrays(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tu
     If all together have less than 32 MB, they are views of one block: the block exists as long as one of them. Otherwise each
     array has its own memory.
     """
-    sizes = [math.prod(shape) * dtype.itemsize for shape in shapes]
+    sizes = [math.prod(shape) * dtype.itemsize for shape in shapes]  # bytes
     total = sum(sizes)
     if total >= MIN_SEPARATE:
         return tuple(_separate_array(shape, dtype, size) for shape, size in zip(shapes, sizes, strict=True))
@@ -198,7 +202,8 @@ def result_arrays(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tu
     arrays = []
     offset = 0
     if total >= MIN_ALIGNED:
-        offset = -block.__array_interface__["data"][0] % LINE
+        address, _ = block.__array_interface__["data"]
+        offset = -address % LINE
     for shape, size in zip(shapes, sizes, strict=True):
         arrays.append(np.ndarray(shape, dtype, block, offset))
         offset += -(-size // LINE) * LINE  # rounded up to whole lines

@@ -27,8 +27,17 @@ _MAX_NAME_LENGTH = 200
 """Maximum number of characters of a name."""
 _WIDTH, _HEIGHT = 640, 150
 """Size of the picture, in pixels, without its margin above."""
-_LEFT_MARGIN, _RIGHT_MARGIN, _TOP_MARGIN, _BOTTOM_MARGIN = 42, 6, 4, 18
-"""Margins of the plot inside the picture, in pixels."""
+# Margins of the plot inside the picture, in pixels.
+_LEFT_MARGIN = 42
+_RIGHT_MARGIN = 6
+_TOP_MARGIN = 4
+_BOTTOM_MARGIN = 18
+_HALF_DIGIT_HEIGHT = 4
+"""Half the height of digits, in pixels."""
+_MIN_TOP_SHARE = 1.1
+"""Smallest share at the top of the plot, which is above the limit."""
+_TOP_SPACE = 1.05
+"""Share at the top of the plot, in units of the largest share."""
 _MAX_POINTS = 240
 """Maximum number of points of a curve."""
 _MAX_LINES = 8
@@ -51,18 +60,19 @@ class Shares:
 
 def card(answer: Answer) -> str:
     """HTML of the card of an answer, at most 120 kB."""
-    blocks = [block for block in shown_blocks(answer.blocks(), every=False, hint="") if block != ""]  # no empty lines
+    all_blocks = shown_blocks(answer.blocks(), every=False, hint="")
+    blocks = [block for block in all_blocks if block != ""]  # no empty lines
     headline_parts = [html_of(block) for block in blocks if isinstance(block, Headline)]
     lower_blocks = [block for block in blocks if not isinstance(block, Headline)]
     shares = answer.shares()
     parts = [f'<p class="kind">{_short_name(answer.subject)}</p>', *headline_parts]
     if shares is not None and np.isfinite(shares.values).any():
         parts.append(shares_svg(shares))
-    selected = _select_blocks(lower_blocks)
-    parts += map(block_html, selected)
-    omitted = [block for block in lower_blocks if block not in selected]
-    if omitted:
-        parts.append(f'<p class="kind">{_count_text(omitted)} more: .print(), .to_html("report.html")</p>')
+    selected_blocks = _select_blocks(lower_blocks)
+    parts += map(block_html, selected_blocks)
+    omitted_blocks = [block for block in lower_blocks if block not in selected_blocks]
+    if omitted_blocks:
+        parts.append(f'<p class="kind">{_count_text(omitted_blocks)} more: .print(), .to_html("report.html")</p>')
     text = f'<div class="twistwrench">{_STYLE}{"".join(parts)}</div>'
     if len(text.encode()) > _MAX_BYTES:
         subject_and_headline = "".join(parts[:2])
@@ -71,31 +81,35 @@ def card(answer: Answer) -> str:
 
 
 def _select_blocks(blocks: Sequence[Block]) -> list[Block]:
-    """Blocks below the picture of a card: the lines before the first table, the table, and the first notes after it."""
+    """Blocks below the picture of a card: lines before the first table, this table, and the first notes after it."""
     tables = [k for k, block in enumerate(blocks) if isinstance(block, Table)]
     if not tables:
         return list(blocks[:_MAX_LINES])
-    first = tables[0]
-    lines = blocks[: min(first, _MAX_LINES)]
-    notes = [block for block in blocks[first + 1 :] if not isinstance(block, Table)]
-    return [*lines, blocks[first], *notes[:_MAX_NOTES]]
+    first_table = tables[0]  # index
+    lines = blocks[:first_table]
+    notes = [block for block in blocks[first_table + 1 :] if not isinstance(block, Table)]
+    return [*lines[:_MAX_LINES], blocks[first_table], *notes[:_MAX_NOTES]]
 
 
 def _count_text(blocks: Sequence[Block]) -> str:
-    """Numbers of tables and of other blocks, as in "1 table and 2 notes"."""
+    """Text with the numbers of tables and of other blocks: "1 table and 2 notes"."""
     table_count = sum(isinstance(block, Table) for block in blocks)
     counts = {"table": table_count, "note": len(blocks) - table_count}
     texts = []
     for name, count in counts.items():
-        plural = "s" * (count > 1)
-        if count > 0:
-            texts.append(f"{count} {name}{plural}")
+        if count == 1:
+            texts.append(f"1 {name}")
+        elif count > 1:
+            texts.append(f"{count} {name}s")
     return " and ".join(texts)
 
 
 def html_of(block: Block) -> str:
-    """HTML of a headline: a paragraph for each of its lines, the first in larger letters."""
-    first, *others = paragraphs(block) or [""]
+    """HTML of a headline: a paragraph for each of its lines, the first paragraph in larger letters."""
+    texts = paragraphs(block)
+    if not texts:
+        texts = [""]
+    first, *others = texts
     return f'<p class="headline">{first}</p>' + "".join(f"<p>{text}</p>" for text in others)
 
 
@@ -107,7 +121,7 @@ def _short_name(text: str) -> str:
 
 
 def shares_svg(shares: Shares) -> str:
-    """Curves over time: of each joint the share of its limit. The limit is a line; the largest curve is coloured.
+    """SVG of the share of its limit over time, a curve for each joint. The limit is a line; the largest curve is coloured.
 
     A long motion is divided into blocks of equally many rows. A curve shows the maximum of each block at its mean time.
     """
@@ -118,39 +132,45 @@ def shares_svg(shares: Shares) -> str:
     block_maxima = np.array([values[block].max(axis=0) for block in blocks])
     block_times = np.array([time[block].mean() for block in blocks])
     has_limit = (block_maxima >= 0).any(axis=0)
-    top_share = max(1.1, 1.05 * float(block_maxima.max()))
-    duration = float(block_times[-1] - block_times[0]) or 1.0  # a single block has none
+    top_share = max(_MIN_TOP_SHARE, _TOP_SPACE * float(block_maxima.max()))
+    duration = float(block_times[-1] - block_times[0])
+    if duration == 0.0:  # a single block
+        duration = 1.0
     plot_width = _WIDTH - _LEFT_MARGIN - _RIGHT_MARGIN
     plot_height = _HEIGHT - _BOTTOM_MARGIN
-    x = (_LEFT_MARGIN + plot_width * (block_times - block_times[0]) / duration).round(1).tolist()
+    x = _LEFT_MARGIN + plot_width * (block_times - block_times[0]) / duration
+    x_texts = x.round(1).tolist()
 
     def y_of(share: Array | float) -> Any:
-        return (plot_height * (1.0 - np.asarray(share) / top_share) + _TOP_MARGIN).round(1).tolist()
+        """Height of a share in the picture, in pixels from the top; a list for an array."""
+        y = plot_height * (1.0 - np.asarray(share) / top_share) + _TOP_MARGIN
+        return y.round(1).tolist()
 
     maxima = block_maxima.max(axis=0)
-    worst = int(np.argmax(np.where(has_limit, maxima, -1.0)))
-    other_joints = [joint for joint in np.flatnonzero(has_limit).tolist() if joint != worst]
+    worst_joint = int(np.argmax(np.where(has_limit, maxima, -1.0)))
+    other_joints = [joint for joint in np.flatnonzero(has_limit).tolist() if joint != worst_joint]
     curves = []
-    for joint in [*other_joints, worst]:  # the largest last, above the others
-        points = " ".join(f"{px},{py}" for px, py in zip(x, y_of(block_maxima[:, joint]), strict=True))
+    for joint in [*other_joints, worst_joint]:  # the last curve is drawn above the others
+        y_texts = y_of(block_maxima[:, joint])
+        points = " ".join(f"{px},{py}" for px, py in zip(x_texts, y_texts, strict=True))
         style, line_width = Style.QUIET, 1.0
-        if joint == worst:
+        if joint == worst_joint:
             style, line_width = limit_style(float(maxima[joint])), 1.8
         colour = COLOURS[style].plot
         curves.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{line_width}"/>')
     y_limit = y_of(1.0)
     y_near = y_of(NEAR_LIMIT)
-    texts = [  # 4 px below a line: half the height of its digits
-        f'<text x="2" y="{y_limit + 4}">100 %</text>',
-        f'<text x="2" y="{y_of(0.0) + 4}">0</text>',
+    texts = [  # digits are centred on their line
+        f'<text x="2" y="{y_limit + _HALF_DIGIT_HEIGHT}">100 %</text>',
+        f'<text x="2" y="{y_of(0.0) + _HALF_DIGIT_HEIGHT}">0</text>',
         f'<text x="{_LEFT_MARGIN}" y="{_HEIGHT}">{number(time[0])} s</text>',
         f'<text x="{_WIDTH - _RIGHT_MARGIN}" y="{_HEIGHT}" text-anchor="end">{number(time[-1])} s · '
-        f"share of the limit of each joint, {_short_name(shares.names[worst])} marked</text>",
+        f"share of the limit of each joint, {_short_name(shares.names[worst_joint])} marked</text>",
     ]
-    across = f'x1="{_LEFT_MARGIN}" x2="{_WIDTH}"'
+    x_ends = f'x1="{_LEFT_MARGIN}" x2="{_WIDTH}"'
     limit_lines = [
-        f'<line {across} y1="{y_limit}" y2="{y_limit}" stroke="currentColor"/>',
-        f'<line {across} y1="{y_near}" y2="{y_near}" stroke="currentColor" stroke-dasharray="2 4"/>',
+        f'<line {x_ends} y1="{y_limit}" y2="{y_limit}" stroke="currentColor"/>',
+        f'<line {x_ends} y1="{y_near}" y2="{y_near}" stroke="currentColor" stroke-dasharray="2 4"/>',
     ]
     return (
         f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT + _TOP_MARGIN}" role="img" '

@@ -20,18 +20,21 @@ from ..urdf import IN_MJCF, direction, rotation_of_z_axis_to, tensor_of
 from ..xml import Element
 from .preprocess import Defaults, Meshes, Settings
 
-_TURNED = frozenset(("quat", "axisangle", "xyaxes", "zaxis", "euler"))
-_PLACED = _TURNED | {"pos"}
+_ORIENTATION_ATTRIBUTES = frozenset(("quat", "axisangle", "xyaxes", "zaxis", "euler"))
+_POSE_ATTRIBUTES = _ORIENTATION_ATTRIBUTES | {"pos"}
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+"""Axes of Euler angles by letter."""
 
 
 def placement(element: Element, settings: Settings) -> Array:
-    """Pose (4, 4) of an element by ``pos`` and an orientation, by default the identity."""
+    """Pose (4, 4) of an element by ``pos`` and an orientation; the identity without both."""
     attributes = element.attributes
-    if _PLACED.isdisjoint(attributes):
+    if _POSE_ATTRIBUTES.isdisjoint(attributes):
         return IDENTITY
-    R = UPRIGHT if _TURNED.isdisjoint(attributes) else rotation(element, settings).tolist()
-    return pose_rows(R, element.floats("pos", (0.0, 0.0, 0.0)))
+    R_rows = UPRIGHT
+    if not _ORIENTATION_ATTRIBUTES.isdisjoint(attributes):
+        R_rows = rotation(element, settings).tolist()
+    return pose_rows(R_rows, element.floats("pos", (0.0, 0.0, 0.0)))
 
 
 def rotation(element: Element, settings: Settings) -> Array:
@@ -40,26 +43,33 @@ def rotation(element: Element, settings: Settings) -> Array:
     if len(forms) > 1:
         raise element.error(f"gives its orientation in {len(forms)} ways: {', '.join(forms)}. Keep one.")
     if not forms:
-        return _rotation_of_quaternion(element) if "quat" in element.attributes else np.eye(3)
-    if forms[0] == "axisangle":
+        if "quat" in element.attributes:
+            return _rotation_of_quaternion(element)
+        return np.eye(3)
+    (form,) = forms
+    if form == "axisangle":
         *axis, angle = element.numbers("axisangle", 4).tolist()
         return _rotation_about(direction(element, "axisangle", axis), angle * settings.angle)
-    if forms[0] == "xyaxes":
-        values = element.numbers("xyaxes", 6)
-        x = direction(element, "xyaxes", values[:3])
-        y = direction(element, "xyaxes", values[3:] - (x @ values[3:]) * x)
+    if form == "xyaxes":
+        x_and_y = element.numbers("xyaxes", 6)
+        x = direction(element, "xyaxes", x_and_y[:3])
+        y = direction(element, "xyaxes", x_and_y[3:] - (x @ x_and_y[3:]) * x)  # orthogonal to x
         return np.column_stack([x, y, so3.cross(x, y)])
-    if forms[0] == "zaxis":
+    if form == "zaxis":
         return rotation_of_z_axis_to(direction(element, "zaxis", element.numbers("zaxis", 3)))
     R = np.eye(3)
     angles = element.numbers("euler", 3) * settings.angle
     for letter, angle in zip(settings.euler_sequence, angles, strict=True):
         turn = _rotation_about(np.array(_AXES[letter.lower()]), float(angle))
-        R = R @ turn if letter.islower() else turn @ R  # about axes that turn along, or that stand still
+        if letter.islower():  # about an axis that turns with the body
+            R = R @ turn
+        else:  # about an axis that stands still
+            R = turn @ R
     return R
 
 
 def _rotation_of_quaternion(element: Element) -> Array:
+    """Rotation (3, 3) of ``quat``; raises an error for zeros."""
     values = element.floats("quat", (1.0, 0.0, 0.0, 0.0))
     if not any(values):
         raise element.error("has a quaternion of zeros, which is not a rotation. The identity is 1 0 0 0.")
@@ -76,7 +86,7 @@ WORLD = "world"
 _EXPANDED = (
     "expand it with MuJoCo: model = mujoco.MjSpec.from_file(path).compile(), then twistwrench.from_mujoco(model)"
 )
-REFUSED = {
+REFUSED = {  # why an element is not read
     "composite": "it makes bodies by a recipe of MuJoCo's",
     "flexcomp": "it makes a deformable body",
     "replicate": "it makes bodies by a recipe of MuJoCo's",
@@ -86,10 +96,11 @@ REFUSED = {
 
 @dataclass(frozen=True, eq=False)
 class PlacedElement:
-    """A joint, geom or site with its defaults applied, and the pose of the frame around it in the body."""
+    """A joint, geom, site or inertial of a body, with its defaults applied."""
 
     element: Element
     frame: Array
+    """Pose (4, 4) of the frame around the element in the body."""
 
     def direction_in_body(self, x: Array) -> Array:
         """A direction (3,) of the frame, in the body."""
@@ -107,15 +118,16 @@ class MjcfBody:
     element: Element
     name: str
     parent: int
+    """Number of the parent."""
     T: Array
-    """(4, 4) in the parent's frame, joints at their reference."""
+    """Pose (4, 4) in the parent's frame, with the joints at their reference."""
     joints: list[PlacedElement] = field(default_factory=list)
     geoms: list[PlacedElement] = field(default_factory=list)
     sites: list[PlacedElement] = field(default_factory=list)
     inertial: PlacedElement | None = None
     plugins: list[Element] = field(default_factory=list)
     moves: bool = False
-    """True if its own joint or one before moves it."""
+    """True if a joint of the body, or of a body that carries it, moves it."""
 
 
 def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBody]:
@@ -129,10 +141,12 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
         for element in root.walk():
             if element.tag == "body":
                 raise element.error("stands outside a <worldbody>, and the file has none. Put its bodies into one.")
+    # Elements whose children are read: their other children, number of the body, pose of the frame in it, class of defaults.
     stack = []
     names = {WORLD}
-    for world in reversed(worlds):
-        stack.append((iter(world.children), 0, IDENTITY, world.attributes.get("childclass", "").strip()))
+    for world in reversed(worlds):  # the first one is read first
+        class_name = world.attributes.get("childclass", "").strip()
+        stack.append((iter(world.children), 0, IDENTITY, class_name))
         names |= {element.attributes.get("name", "") for element in world.walk() if element.tag == "body"}
     while stack:
         children, k, frame, class_name = stack[-1]
@@ -144,14 +158,15 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
         if child.tag in ("body", "frame"):
             T = product(frame, placement(child, settings))
             own_class = child.attributes.get("childclass")
-            inner = class_name if own_class is None else defaults.check(child, own_class.strip())
+            child_class = class_name if own_class is None else defaults.check(child, own_class.strip())
             if child.tag == "frame":
-                stack.append((iter(child.children), k, T, inner))
+                stack.append((iter(child.children), k, T, child_class))
                 continue
-            named = bool(child.attributes.get("name", "").strip())
-            name = child.text("name") if named else unused(f"body{len(bodies)}", names)
+            has_name = bool(child.attributes.get("name", "").strip())
+            name = child.text("name") if has_name else unused(f"body{len(bodies)}", names)
+            number = len(bodies)
             bodies.append(MjcfBody(child, name, k, T, moves=body.moves))
-            stack.append((iter(child.children), len(bodies) - 1, IDENTITY, inner))
+            stack.append((iter(child.children), number, IDENTITY, child_class))
         else:
             if k == 0 and child.tag in ("joint", "freejoint"):
                 raise child.error("stands in the worldbody, which does not move. Put it into a <body>.")
@@ -162,7 +177,7 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
 def _add_part(body: MjcfBody, child: Element, frame: Array, class_name: str, defaults: Defaults) -> None:
     """Add a joint, geom, site, inertial or plugin to its body, in a frame (4, 4) with a class of defaults."""
     if child.tag in ("joint", "freejoint"):
-        # A free joint written short has no defaults.
+        # Defaults do not apply to <freejoint>, the short form of a free joint.
         joint = defaults.apply(child, class_name) if child.tag == "joint" else child
         body.joints.append(PlacedElement(joint, frame))
         body.moves = True
@@ -181,8 +196,9 @@ def _add_part(body: MjcfBody, child: Element, frame: Array, class_name: str, def
 
 
 KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "floating"}
-"""Joint types of MJCF and of the model."""
+"""Joint types of the model by joint type of MJCF."""
 COORDINATES = {"revolute": 1, "prismatic": 1, "ball": 4, "floating": 7}
+"""Number of coordinates by joint type of the model."""
 
 
 @dataclass(eq=False)
@@ -192,13 +208,17 @@ class MjcfJoint:
     element: Element
     name: str
     kind: str
+    """Joint type of the model."""
     point: Array
+    """Point (3,) on the axis."""
     axis: Array
+    """Direction (3,) of the axis."""
     reference: float
     """Coordinate at the pose that the file gives the body."""
     rest: float
-    """Rest position of its spring."""
+    """Rest position of the joint's spring."""
     stiffness: float
+    """Linear coefficient of the spring; damping, friction and armature are those of the drive."""
     damping: float
     friction: float
     armature: float
@@ -217,12 +237,12 @@ class MjcfJoint:
 
     @property
     def screw(self) -> Array:
-        """Screw axis (6,) of a joint of one degree, in its body's frame."""
+        """Screw axis (6,) of a joint with one degree of freedom, in its body's frame."""
         return screw_through(self.kind, self.axis, self.point)
 
     @property
     def single(self) -> bool:
-        """True if it has one degree of freedom."""
+        """True for a single degree of freedom."""
         return COORDINATES[self.kind] == 1
 
 
@@ -233,24 +253,29 @@ def names_given(bodies: list[MjcfBody]) -> set[str]:
 
 
 def joints_of(body: MjcfBody, settings: Settings, names: set[str]) -> list[MjcfJoint]:
-    """Joints of a body in the file's order; unnamed ones get names that are not among ``names``."""
+    """Joints of a body in the file's order; joints without a name get names that are not in ``names``."""
     joints = [_joint(body, k, part, settings, names) for k, part in enumerate(body.joints)]
-    free = [joint for joint in joints if joint.kind == "floating"]
-    if free and body.parent != 0:
-        raise free[0].element.error(
-            f"is free, and its body {body.name!r} does not stand in the worldbody. Move it there."
-        )
-    if free and len(joints) > 1:
-        raise free[0].element.error(f"is free and has other joints beside it in body {body.name!r}. Keep one.")
+    for joint in joints:
+        if joint.kind != "floating":
+            continue
+        if body.parent != 0:
+            raise joint.element.error(
+                f"is free, and its body {body.name!r} does not stand in the worldbody. Move it there."
+            )
+        if len(joints) > 1:
+            raise joint.element.error(f"is free and has other joints beside it in body {body.name!r}. Keep one.")
     return joints
 
 
 def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, names: set[str]) -> MjcfJoint:
+    """Joint number k of a body; ``names`` are the used names of joints."""
     e = part.element
     kind_in_file = "free" if e.tag == "freejoint" else e.word("type", tuple(KINDS), "hinge")
     kind = KINDS[kind_in_file]
-    number = str(k) if len(body.joints) > 1 else ""
-    name = e.attributes.get("name", "").strip() or unused(f"{body.name}.{kind_in_file}{number}", names)
+    name = e.attributes.get("name", "").strip()
+    if not name:
+        number = str(k) if len(body.joints) > 1 else ""
+        name = unused(f"{body.name}.{kind_in_file}{number}", names)
     unit = settings.angle if kind in ("revolute", "ball") else 1.0
     joint = MjcfJoint(
         e, name, kind,
@@ -260,17 +285,21 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, name
         stiffness=e.floats("stiffness", (0.0, 0.0, 0.0))[0], damping=e.floats("damping", (0.0, 0.0, 0.0))[0],
         friction=e.floats("frictionloss", (0.0,))[0], armature=e.floats("armature", (0.0,))[0],
     )  # fmt: skip
-    aligned = e.tag == "freejoint" and e.word("align", ("true", "false", "auto"), "auto") == "true"
-    if aligned or (e.tag == "freejoint" and settings.align_free):
-        joint.remarks.append("moves its body's frame to the centre of mass in MuJoCo (align), and not here")
+    if e.tag == "freejoint":
+        is_aligned = e.word("align", ("true", "false", "auto"), "auto") == "true"
+        if is_aligned or settings.align_free:
+            joint.remarks.append("moves its body's frame to the centre of mass in MuJoCo (align), and not here")
     for attribute in ("stiffness", "damping"):
-        if any(e.floats(attribute, (0.0, 0.0, 0.0))[1:]):
+        _, *higher_orders = e.floats(attribute, (0.0, 0.0, 0.0))
+        if any(higher_orders):
             joint.remarks.append(LEFT_OUT[f"joint/{attribute}"])
     if e.floats("springyield", (0.0,))[0]:
         joint.remarks.append(LEFT_OUT["joint/springyield"])
     if kind != "floating" and has_active_range(e, "limited", "range", settings):
         if joint.single:
-            joint.lower, joint.upper = (unit * x for x in e.floats("range", (0.0, 0.0)))
+            lower, upper = e.floats("range", (0.0, 0.0))
+            joint.lower = unit * lower
+            joint.upper = unit * upper
         else:
             joint.remarks.append(LEFT_OUT["ball/range"])
     if not joint.single and joint.stiffness:
@@ -281,44 +310,51 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, name
 
 
 def has_active_range(element: Element, flag: str, values: str, settings: Settings) -> bool:
-    """True if a range is active: by its flag, or with ``auto`` if there is a range."""
+    """True if a range is active; ``flag`` and ``values`` are the attributes with its activity and its numbers."""
     activity = element.word(flag, ("true", "false", "auto"), "auto")
-    return activity == "true" or (activity == "auto" and settings.auto_limits and values in element.attributes)
+    if activity == "auto":
+        return settings.auto_limits and values in element.attributes
+    return activity == "true"
 
 
 _WATER_DENSITY = 1000.0
-"""kg/m³, the format's density."""
+"""Default density of the format [kg/m³]."""
 WITHOUT_SHAPE = ("plane", "hfield")
-"""Types without a shape of their own; a plane has no mass either."""
+"""Types of geoms without a shape of their own; a plane also has no mass."""
 _TYPES = (*WITHOUT_SHAPE, "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
-_LENGTHS = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
-_ALONG = ("capsule", "cylinder", "ellipsoid", "box")
-"""Shapes that may be given by the ends of their axis."""
+"""Types of geoms."""
+_SIZE_COUNTS = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+"""Number of sizes by type of geom."""
+_TYPES_WITH_ENDS = ("capsule", "cylinder", "ellipsoid", "box")
+"""Types of geoms that may be given by the ends of their axis."""
 
 
 def weighs(geom: Element, settings: Settings) -> bool:
     """True if a geom has inertia, by its group, its mass or density, and its shape."""
-    solid = _is_in_groups(geom, settings) and geom.word("type", _TYPES, "sphere") != "plane"
-    return solid and any(_mass_or_density(geom).values())
+    is_solid = _is_in_groups(geom, settings) and geom.word("type", _TYPES, "sphere") != "plane"
+    return is_solid and any(_mass_or_density(geom).values())
 
 
 def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> SpatialInertia:
-    """Inertia about the body's origin, in its axes."""
+    """Inertia of a geom about the body's origin, in the body's axes."""
     geom = part.element
-    kind, mass_or_density = geom.word("type", _TYPES, "sphere"), _mass_or_density(geom)
+    kind = geom.word("type", _TYPES, "sphere")
+    mass_or_density = _mass_or_density(geom)
     if kind == "sdf":
         raise geom.error("is a signed distance field, whose mass is not computed. Give its body an <inertial>.")
     if geom.flag("shellinertia", default=False):
         raise geom.error("is a shell (shellinertia), whose inertia is not computed. Give its body an <inertial>.")
     if kind == "mesh":
-        return meshes.inertia(geom, **mass_or_density).in_frame(product(part.frame, placement(geom, settings)))
+        T = product(part.frame, placement(geom, settings))
+        return meshes.inertia(geom, **mass_or_density).in_frame(T)
     if "mesh" in geom.attributes:
         raise geom.error(
             "is a shape that MuJoCo fits to a mesh. Give its size in place of the mesh, or its body an <inertial>."
         )
     T, size = shape_of(geom, kind, settings)
     if kind == "hfield":
-        kind, size = "box", meshes.half_sizes_of_hfield(geom)
+        kind = "box"
+        size = meshes.half_sizes_of_hfield(geom)
     if min(size) <= 0:
         raise geom.error(f"is a {kind} of size {' '.join(map(printed, size))}; sizes are above zero.")
     return _solid(kind, size, mass_or_density).in_frame(product(part.frame, T))
@@ -327,26 +363,34 @@ def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> 
 def shape_of(element: Element, kind: str, settings: Settings) -> tuple[Array, list[float]]:
     """Pose (4, 4) and half sizes of a shape, by ``pos`` and an orientation, or by ``fromto``, the ends of its axis."""
     size = element.floats("size", (0.0, 0.0, 0.0))
-    if "fromto" not in element.attributes or kind not in _ALONG:
-        return placement(element, settings), size[: _LENGTHS.get(kind, 3)]
-    ends = element.numbers("fromto", 6)
-    along = ends[:3] - ends[3:]
-    half = float(np.linalg.norm(along)) / 2.0
-    T = se3.pose(rotation_of_z_axis_to(direction(element, "fromto", along)), (ends[:3] + ends[3:]) / 2.0)
-    return T, [size[0], half] if _LENGTHS[kind] == 2 else [size[0], size[0], half]
+    if "fromto" not in element.attributes or kind not in _TYPES_WITH_ENDS:
+        return placement(element, settings), size[: _SIZE_COUNTS.get(kind, 3)]
+    begin, end = np.split(element.numbers("fromto", 6), 2)
+    axis = begin - end
+    half_length = float(np.linalg.norm(axis)) / 2.0
+    R = rotation_of_z_axis_to(direction(element, "fromto", axis))
+    T = se3.pose(R, (begin + end) / 2.0)
+    radius = size[0]
+    if _SIZE_COUNTS[kind] == 2:
+        return T, [radius, half_length]
+    return T, [radius, radius, half_length]
 
 
 def _mass_or_density(geom: Element) -> dict[str, float]:
+    """Mass [kg] or density [kg/m³] of a geom, by its name; raises an error if it is negative."""
     if "mass" in geom.attributes:
-        quantity, value = "mass", geom.number("mass")
+        quantity = "mass"
+        value = geom.number("mass")
     else:
-        quantity, value = "density", geom.floats("density", (_WATER_DENSITY,))[0]
+        quantity = "density"
+        (value,) = geom.floats("density", (_WATER_DENSITY,))
     if value < 0:
         raise geom.error(f"has a negative {quantity}, {printed(value)}.")
     return {quantity: value}
 
 
 def _solid(kind: str, size: list[float], mass_or_density: dict[str, float]) -> SpatialInertia:
+    """Inertia of a solid about its centre, from its half sizes."""
     if kind == "sphere":
         return SpatialInertia.sphere(size[0], **mass_or_density)
     if kind == "ellipsoid":
@@ -362,7 +406,9 @@ class Inertias:
     """Inertia of each body about its frame's origin, in the order of the bodies, and notes on changes."""
 
     each: list[SpatialInertia]
+    """Inertia of each body."""
     remarks: list[str]
+    """Notes on inertias that the settings change, or that are not complete."""
 
 
 def inertias_of(bodies: Sequence[MjcfBody], settings: Settings, meshes: Meshes) -> Inertias:
@@ -373,9 +419,9 @@ def inertias_of(bodies: Sequence[MjcfBody], settings: Settings, meshes: Meshes) 
         G = _inertia(body, settings, meshes, remarks)
         inertias.append(_correct_inertia(G, body, settings, remarks))
     if settings.total_mass > 0:
-        total = sum(G.mass for G in inertias)
-        if total > 0:
-            factor = settings.total_mass / total
+        mass = sum(G.mass for G in inertias)
+        if mass > 0:
+            factor = settings.total_mass / mass
             inertias = [SpatialInertia.from_parameters(factor * G.parameters) for G in inertias]
             remarks.append(
                 f"settotalmass={printed(settings.total_mass)}: all masses and inertias are multiplied by {printed(factor)}"
@@ -384,76 +430,88 @@ def inertias_of(bodies: Sequence[MjcfBody], settings: Settings, meshes: Meshes) 
 
 
 def _inertia(body: MjcfBody, settings: Settings, meshes: Meshes, remarks: list[str]) -> SpatialInertia:
+    """Inertia of a body by its inertial or its geoms, zero without both; a note on an incomplete one goes to ``remarks``."""
     from_geoms = settings.from_geoms == "true" or (settings.from_geoms == "auto" and body.inertial is None)
     if not from_geoms:
-        return _given_inertia(body.inertial, settings) if body.inertial is not None else SpatialInertia.zero()
-    geoms = [part for part in body.geoms if weighs(part.element, settings)]
-    in_groups = any(_is_in_groups(part.element, settings) for part in body.geoms)
-    if body.inertial is not None and not in_groups:
+        if body.inertial is None:
+            return SpatialInertia.zero()
         return _given_inertia(body.inertial, settings)
-    total = SpatialInertia.zero()
+    geoms = [part for part in body.geoms if weighs(part.element, settings)]
+    has_geom_in_groups = any(_is_in_groups(part.element, settings) for part in body.geoms)
+    if body.inertial is not None and not has_geom_in_groups:
+        return _given_inertia(body.inertial, settings)
+    G = SpatialInertia.zero()
     for part in geoms:
         try:
-            total = total + inertia_of_geom(part, settings, meshes)
+            G = G + inertia_of_geom(part, settings, meshes)
         except RobotFileError as error:
             if body.moves:
                 raise
             remarks.append(f"body {body.name!r} does not move, and its inertia is not complete: {error}")
-    return total
+    return G
 
 
 def _is_in_groups(geom: Element, settings: Settings) -> bool:
     """True if a geom is in the groups that have inertia."""
-    first, last = settings.groups
-    return first <= geom.floats("group", (0.0,))[0] <= last
+    first_group, last_group = settings.groups
+    (group,) = geom.floats("group", (0.0,))
+    return first_group <= group <= last_group
 
 
 def _given_inertia(inertial: PlacedElement, settings: Settings) -> SpatialInertia:
-    """Inertia about the body's origin, in its axes."""
-    mass, T, moments = inertial_of(inertial.element, settings)
+    """Inertia of an inertial about the body's origin, in the body's axes."""
+    mass, T, tensor = inertial_of(inertial.element, settings)
     R = T[:3, :3]
-    G = SpatialInertia.from_com(mass, T[:3, 3], R @ moments @ R.T)
-    return G if is_identity(inertial.frame) else G.in_frame(inertial.frame)
+    G = SpatialInertia.from_com(mass, T[:3, 3], R @ tensor @ R.T)
+    if is_identity(inertial.frame):
+        return G
+    return G.in_frame(inertial.frame)
 
 
 def inertial_of(inertial: Element, settings: Settings) -> tuple[float, Array, Array]:
     """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²]."""
-    T, mass = placement(inertial, settings), inertial.number("mass")
-    forms = [name for name in ("diaginertia", "fullinertia") if name in inertial.attributes]
-    if len(forms) > 1:
+    T = placement(inertial, settings)
+    mass = inertial.number("mass")
+    has_diagonal = "diaginertia" in inertial.attributes
+    has_full_tensor = "fullinertia" in inertial.attributes
+    if has_diagonal and has_full_tensor:
         raise inertial.error("has both diaginertia and fullinertia. Keep one.")
-    if not forms:
-        moments = np.zeros((3, 3))
-    elif forms[0] == "diaginertia":
-        moments = np.diag(inertial.numbers("diaginertia", 3))
-    else:
+    tensor = np.zeros((3, 3))
+    if has_diagonal:
+        tensor = np.diag(inertial.numbers("diaginertia", 3))
+    elif has_full_tensor:
         entries = dict(zip(IN_MJCF, inertial.numbers("fullinertia", 6).tolist(), strict=True))
-        moments = tensor_of(entries.__getitem__)
-        if set(inertial.attributes) & _TURNED:
+        tensor = tensor_of(entries.__getitem__)
+        if not _ORIENTATION_ATTRIBUTES.isdisjoint(inertial.attributes):
             raise inertial.error("has fullinertia, which is along the body's axes, and an orientation. Keep one.")
-    return mass, T, moments
+    return mass, T, tensor
 
 
 def _correct_inertia(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:
-    """The inertia with the least mass and moments of ``<compiler>``, balanced if that is set."""
-    if not (settings.least_mass > 0 or settings.least_moment > 0 or settings.balanced):
+    """Inertia with at least the mass and moments that ``<compiler>`` sets, and balanced if ``<compiler>`` says so.
+
+    A change goes to ``remarks``.
+    """
+    has_bounds = settings.least_mass > 0 or settings.least_moment > 0
+    if not has_bounds and not settings.balanced:
         return G
     mass = max(G.mass, settings.least_mass)
     moments, axes = np.linalg.eigh(G.moment_about_com)
-    corrected = np.maximum(moments, settings.least_moment)
+    corrected_moments = np.maximum(moments, settings.least_moment)
     causes = []
     if mass > G.mass:
         causes.append(f"boundmass={printed(settings.least_mass)}")
-    if (corrected > moments).any():
+    if (corrected_moments > moments).any():
         causes.append(f"boundinertia={printed(settings.least_moment)}")
-    if settings.balanced and corrected[0] + corrected[1] < corrected[2]:
-        corrected = np.full(3, corrected.mean())
+    smallest, middle, largest = corrected_moments
+    if settings.balanced and smallest + middle < largest:  # violates the triangle inequality
+        corrected_moments = np.full(3, corrected_moments.mean())
         causes.append("balanceinertia")
     if not causes:
         return G
     remarks.append(
         f"{' and '.join(causes)} of <compiler> change body {body.name!r} ({body.element.place}): mass {printed(G.mass)} to "
-        f"{printed(mass)} kg, principal moments {moments.round(12).tolist()} to {corrected.round(12).tolist()} kg m²"
+        f"{printed(mass)} kg, principal moments {moments.round(12).tolist()} to {corrected_moments.round(12).tolist()} kg m²"
     )
     com = G.com if G.mass else np.zeros(3)
-    return SpatialInertia.from_com(mass, com, (axes * corrected) @ axes.T)
+    return SpatialInertia.from_com(mass, com, (axes * corrected_moments) @ axes.T)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _MAX_UNEXPLAINED = 0.35
 """Held-out residual, as a share of the torques, from which the logs are rejected."""
 OTHERS = 2.5
-"""Ratio of the residual of other logs to that of the training logs, above which the logs differ."""
+"""Ratio of the residual of other logs to the residual of the training logs, above which the logs differ."""
 NOTABLE_IN_OTHERS = 0.12
 """Residual of other logs, as a share of the torques, up to which they do not differ."""
 LEFT_OUT = "rows-left-out"
@@ -39,11 +39,15 @@ LEFT_OUT = "rows-left-out"
 
 
 def reading_doubts(doubts: Iterable[Doubt], log: str = "") -> Iterator[Doubt]:
-    """Doubts found without a model; if their row does not list ``identify``, they become notes."""
+    """Doubts found without a model; a doubt whose row in the table does not list ``identify`` becomes a note.
+
+    ``log`` is the name of the log, for sentences; empty for a single log.
+    """
     for found in doubts:
         if found.kind == LEFT_OUT:
             continue
-        level, sentence = found.level, found.sentence
+        level = found.level
+        sentence = found.sentence
         if "identify" not in doubt_table()[found.kind].reads:
             level = "note"
         if log:
@@ -74,18 +78,21 @@ _MAX_UNDETERMINED_SHARE = 0.2
 _UNSURE_TORQUE = 0.1
 """Maximum share of the torques of another motion that deviations of the groups may change."""
 _MAX_RESIDUAL_WITHOUT_LINK = 0.5
-"""Residual without a link, as a share of that with all links, below which the link is missing."""
+"""Residual without a link, as a share of the residual with all links, below which the link is missing."""
 _MAX_UNEXPLAINED_OF_JOINT = 0.1
 """Largest residual of a well predicted joint, as a share of its torque (rms)."""
 _MAX_SHARE_OF_LIMIT = 0.01
 """Residual, as a share of a joint's effort limit, up to which it is small."""
 _MAX_NAMED_JOINTS = 4
+"""Largest number of joints, or of groups, that a doubt names."""
+_MAX_NAMED_GROUPS = 3
+"""Largest number of undetermined groups that a doubt names."""
 _MIN_NEGATIVE_DEVIATIONS = 4.0
 """Standard deviations below zero from which a negative friction or motor inertia is reported."""
 _MIN_NEGATIVE_SHARE = 1e-3
 """Share of a joint's torque (rms) from which a negative value is reported.
 
-Without noise, standard deviations do not cover filter errors, which cause smaller values."""
+Errors of filters cause smaller negative values, and without noise the standard deviations do not cover them."""
 _MIN_RESIDUAL_RISE = 0.05
 """Relative rise of a joint's held-out residual if negative values are set to 0, from which they are more than a note."""
 _MIN_SHARE_OF_JOINTS = 0.5
@@ -99,9 +106,9 @@ _MIN_SHARE_OF_DIRECTION = 0.3
 _MAX_UNREPORTED = 0.1
 """Share of the torques not explained by rigid bodies with friction, from which it is reported."""
 _MIN_RATIO_TO_NOISE = 3.0
-"""Ratio of a residual to the noise from which it is loud."""
+"""Ratio of a residual to the noise above which the residual is loud."""
 _MIN_SHARE_OF_TORQUE = 0.05
-"""Share of a joint's torque from which a residual is loud."""
+"""Share of a joint's torque above which a residual is loud."""
 _MIN_RATE_OF_CUTOFF = 4.0
 """Least sampling rate, as a multiple of the cut-off, that shows noise above the cut-off."""
 _MODEL_FREE_REASONS = {"buffered", "copied", "saturated", "unexciting"}
@@ -112,61 +119,68 @@ Residuals of such logs would be mistaken for other causes; a log at rest has not
 
 def doubts_of(fit: FittedLog) -> tuple[Doubt, ...]:
     """All doubts, those that reject the log first; insufficient motion is reported only without other doubts."""
-    without_model: list[Doubt] = []
+    model_free_doubts: list[Doubt] = []
     for log in fit.logs:
-        without_model += reading_doubts(log.doubts, log.name)
-    without_model += column_doubts(fit)
-    has_reason_without_model = not _MODEL_FREE_REASONS.isdisjoint(_kinds(without_model))
-    is_spoiled = "refuse" in _levels(without_model) or has_reason_without_model
-    causes = [] if is_spoiled else _cause_doubts(fit, without_model)
-    known = is_spoiled or bool(_levels(causes) - {"note"})  # the reason of the residual
-    doubts = [*without_model, *causes]
+        model_free_doubts += reading_doubts(log.doubts, log.name)
+    model_free_doubts += column_doubts(fit)
+    has_model_free_reason = not _MODEL_FREE_REASONS.isdisjoint(_kinds(model_free_doubts))
+    is_spoiled = "refuse" in _levels(model_free_doubts) or has_model_free_reason
+    cause_doubts = [] if is_spoiled else _cause_doubts(fit, model_free_doubts)
+    known = is_spoiled or bool(_levels(cause_doubts) - {"note"})  # True if the reason of the residual is known
+    doubts = [*model_free_doubts, *cause_doubts]
     if not known:
         if not fit.payload_only:
             doubts += _missing_link(fit)
-        doubts += _unexciting(fit) or _poor_predictions(fit)
-    negative = _negative_doubts(fit, known=known)
-    doubts += negative
-    if not negative and not known:
+        motion_doubts = _unexciting(fit)
+        if not motion_doubts:
+            motion_doubts = _poor_predictions(fit)
+        doubts += motion_doubts
+    negative_doubts = _negative_doubts(fit, known=known)
+    doubts += negative_doubts
+    if not negative_doubts and not known:
         doubts += _negative_energy(fit)
     if known or "unexciting" not in _kinds(doubts):
         return sorted_doubts([*doubts, *_residual_doubts(fit, known=known, loud=False)])
     loud = _residual_above_noise(fit)
-    residual = _residual_doubts(fit, known=known, loud=loud)
+    residual_doubts = _residual_doubts(fit, known=known, loud=loud)
     if loud:
-        return sorted_doubts([*residual, *doubts])  # more motion does not explain what is loud
-    return sorted_doubts([*doubts, *residual])
+        return sorted_doubts([*residual_doubts, *doubts])  # more motion would not explain a loud residual
+    return sorted_doubts([*doubts, *residual_doubts])
 
 
-def _cause_doubts(fit: FittedLog, without_model: Sequence[Doubt]) -> list[Doubt]:
-    """Doubts about the common gain and the causes of the residual; ``without_model`` are those found before."""
+def _cause_doubts(fit: FittedLog, model_free_doubts: Sequence[Doubt]) -> list[Doubt]:
+    """Doubts about the common gain and the causes of the residual; ``model_free_doubts`` were found before."""
     if fit.payload_only:
         return []
     doubts = [*gain_of_all(fit), *fit.causes]
-    if "time-scale" in _kinds(doubts):  # accelerations of a clock that is wrong look like a common gain
+    if "time-scale" in _kinds(doubts):  # accelerations by a wrong clock look like a common gain
         doubts = [found for found in doubts if found.kind != "gain" or found.joints != fit.names]
-    if _levels([*without_model, *fit.causes]) - {"note"}:  # free groups, to which the unit is compared, are wrong too
+    has_other_doubt = bool(_levels([*model_free_doubts, *fit.causes]) - {"note"})
+    if has_other_doubt:  # the free groups, with which the unit is compared, are then wrong too
         doubts = [found for found in doubts if found.kind != "unit"]
     return doubts
 
 
 def _levels(doubts: Iterable[Doubt]) -> set[Level]:
+    """Levels of doubts, each once."""
     return {found.level for found in doubts}
 
 
 def _kinds(doubts: Iterable[Doubt]) -> set[str]:
+    """Kinds of doubts, each once."""
     return {found.kind for found in doubts}
 
 
-def sorted_doubts(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
-    """Doubts in the order of their levels: those that reject the log first, notes last."""
+def sorted_doubts(doubts: Iterable[Doubt]) -> tuple[Doubt, ...]:
+    """Doubts in the order of their levels: first doubts that reject the log, last notes."""
     levels = ("refuse", "unsure", "note")
-    return tuple(sorted(found, key=lambda each: levels.index(each.level)))
+    return tuple(sorted(doubts, key=lambda found: levels.index(found.level)))
 
 
 def _missing_link(fit: FittedLog) -> list[Doubt]:
-    """Fixed link of the file that the robot of the log does not carry, if the residual is far smaller without one."""
-    base, model = fit.base, fit.base.unknown.model
+    """Doubt about a fixed link of the file without which the residual is far smaller, so that the robot does not carry it."""
+    base = fit.base
+    model = base.unknown.model
     drive_columns = fit.W[:, :, base.drives].reshape(fit.tau.size, len(base.drives))
     Q, _ = np.linalg.qr(drive_columns)
 
@@ -177,61 +191,68 @@ def _missing_link(fit: FittedLog) -> list[Doubt]:
 
     squares_with_all = squared_residual(base.unknown.file_values)
     moving_links = {body.link for body in model.bodies}
-    least_squares, missing = _MAX_RESIDUAL_WITHOUT_LINK**2 * squares_with_all, ""
+    least_squares = _MAX_RESIDUAL_WITHOUT_LINK**2 * squares_with_all
+    missing_link = ""
     for link, frame in model.frames.items():
         is_fixed_to_body = frame.body != BASE and link not in moving_links
         G = model.link_inertias.get(link)
         if not is_fixed_to_body or G is None or not G.mass > 0:
             continue
-        squares = squared_residual(_values_without(base, frame.body, G.in_frame(frame.pose)))
+        values = _values_without(base, frame.body, G.in_frame(frame.pose))
+        squares = squared_residual(values)
         if squares < least_squares:
-            least_squares, missing = squares, link
-    if not missing:
+            least_squares = squares
+            missing_link = link
+    if not missing_link:
         return []
     squared_torques = float((fit.tau**2).sum())
     share = percent(np.sqrt(least_squares / squared_torques), 3)
     share_with_all = percent(np.sqrt(squares_with_all / squared_torques), 3)
-    return [doubt("missing-link", link=missing, left=share, whole=share_with_all)]
+    return [doubt("missing-link", link=missing_link, left=share, whole=share_with_all)]
 
 
 def _values_without(base: BaseParameters, body: int, G: SpatialInertia) -> Array:
-    """Values of the file after an inertia is subtracted from a body."""
+    """Values of the file, minus an inertia of a body."""
     values = base.unknown.file_values.copy()
-    columns = base.unknown.of_bodies  # of the regressor, ten for each body; -1 for drives
-    of_body = columns // 10 == body
-    values[of_body] -= G.parameters[columns[of_body] - 10 * body]
+    columns = base.unknown.of_bodies  # of the regressor; -1 for drives
+    of_body = columns // _PARAMETERS_OF_BODY == body
+    values[of_body] -= G.parameters[columns[of_body] - _PARAMETERS_OF_BODY * body]
     return values
 
 
 def _unexciting(fit: FittedLog) -> list[Doubt]:
     """Doubt about a motion that leaves many groups undetermined."""
     free = ~fit.base.held
+    relative_deviations = fit.deviations / fit.prior.size
     is_undetermined = (fit.deviations > _MAX_UNDETERMINED_DEVIATION * fit.prior.size)[free]
-    if is_undetermined.sum() <= _MAX_UNDETERMINED_SHARE * len(is_undetermined):
+    undetermined_count = int(is_undetermined.sum())
+    if undetermined_count <= _MAX_UNDETERMINED_SHARE * len(is_undetermined):
         return []
-    worst = np.argsort(-(fit.deviations / fit.prior.size * free))[:3]
-    names = fit.first_parameters(worst)
-    determined_count = len(is_undetermined) - int(is_undetermined.sum())
+    worst_first = np.argsort(-(relative_deviations * free))
+    names = fit.first_parameters(worst_first[:_MAX_NAMED_GROUPS])
+    determined_count = len(is_undetermined) - undetermined_count
     counts = f"{determined_count} of {len(is_undetermined)} groups of parameters"
     message = f"the motion determines only {counts}, least {names} and what is grouped with them: these keep the file's values."
     return [doubt("unexciting", said=message)]
 
 
 def _poor_predictions(fit: FittedLog) -> list[Doubt]:
-    """Joints whose torques are poorly predicted in another motion, as fast as the logs and as wide as the limits."""
+    """Doubt about joints whose torques would be poorly predicted in another motion, as fast as the logs and over the range."""
     W = fit.other_motion
     variance = np.einsum("njk,kl,njl->j", W, fit.covariance, W)  # of each joint's torque, summed over the motion
     squared_torques = ((W @ fit.x) ** 2).sum(axis=0)
     share = np.sqrt(np.maximum(variance, 0.0) / np.maximum(squared_torques, 1e-300))
     ranges = np.ptp(fit.q[:, : len(fit.names)], axis=0)
     share[fit.dead | (ranges == 0)] = 0.0
-    order = np.argsort(-share)
-    joints = order[share[order] > _UNSURE_TORQUE].tolist()
+    worst_first = np.argsort(-share)
+    joints = worst_first[share[worst_first] > _UNSURE_TORQUE].tolist()
     if not joints:
         return []
-    shares = ", ".join(f"{fit.names[j]} {percent(share[j], 3)}" for j in joints[:4])
-    variance_by_group = (W[:, joints[0]] ** 2).sum(axis=0) * fit.covariance.diagonal()  # of the worst joint
-    least_sure = fit.first_parameters(np.argsort(-variance_by_group)[:3])
+    shares = ", ".join(f"{fit.names[j]} {percent(share[j], 3)}" for j in joints[:_MAX_NAMED_JOINTS])
+    worst_joint = joints[0]
+    variance_by_group = (W[:, worst_joint] ** 2).sum(axis=0) * fit.covariance.diagonal()
+    least_sure_first = np.argsort(-variance_by_group)
+    least_sure = fit.first_parameters(least_sure_first[:_MAX_NAMED_GROUPS])
     message = (
         f"of another motion, as fast and over the whole range, torques would be predicted no better than to: {shares}. The "
         f"logs are too short or too narrow: they determine too little of {least_sure} and what is grouped with them."
@@ -241,24 +262,29 @@ def _poor_predictions(fit: FittedLog) -> list[Doubt]:
 
 _NOT_NEGATIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "m", "Ixx", "Iyy", "Izz")
 """Kinds of parameters that are never negative in a body or drive."""
+_PARAMETERS_OF_BODY = 10
+"""Number of inertial parameters of a body."""
 
 
 def _is_never_negative(base: BaseParameters) -> Array:
-    """(r,) bool, True for groups that are sums of parameters that are never negative.
+    """(r,) mask of groups that are sums of parameters that are never negative.
 
-    Groups with differences, as of coupled motors, can be negative.
+    A group with a difference, as of coupled motors, can be negative.
     """
-    never = np.isin(base.unknown.kinds, _NOT_NEGATIVE)
-    return np.asarray(((base.grouping == 0.0) | ((base.grouping > 0.0) & never)).all(axis=1))
+    never = np.isin(base.unknown.kinds, _NOT_NEGATIVE)  # parameters
+    is_absent = base.grouping == 0.0
+    is_allowed = is_absent | ((base.grouping > 0.0) & never)
+    return np.asarray(is_allowed.all(axis=1))
 
 
 def _negative_doubts(fit: FittedLog, *, known: bool) -> list[Doubt]:
-    """Negative friction and motor inertias: two at a joint indicate a wrong sign of its torque, one has another cause."""
+    """Doubts about negative friction and motor inertias: two at one joint show a wrong sign of its torque."""
     kinds = np.array(fit.base.unknown.kinds)[fit.base.kept]
     of_drive = np.isin(kinds, ("coulomb", "viscous", "motor_inertia"))
     torques_by_group = np.sqrt((fit.W**2).mean(axis=0)) * np.abs(fit.x)  # (nv, r) rms
-    torques = np.maximum(np.sqrt((fit.tau**2).mean(axis=0)), 1e-300)
-    share = (torques_by_group / torques[:, None])[~fit.dead].max(axis=0)
+    torques = np.maximum(np.sqrt((fit.tau**2).mean(axis=0)), 1e-300)  # (nv,) rms
+    shares = torques_by_group / torques[:, None]
+    share = shares[~fit.dead].max(axis=0)  # of each group
     is_negative = (fit.x < -_MIN_NEGATIVE_DEVIATIONS * fit.deviations) & (share > _MIN_NEGATIVE_SHARE)
     groups = np.flatnonzero(of_drive & _is_never_negative(fit.base) & is_negative)
     if known or not len(groups):
@@ -270,12 +296,15 @@ def _negative_doubts(fit: FittedLog, *, known: bool) -> list[Doubt]:
 
 
 def _negative_matters(fit: FittedLog, groups: Array) -> bool:
-    """True if groups of 0 in place of negative ones raise the held-out residual of some joint by over 5 %."""
+    """True if zeros in place of these ``groups`` raise the held-out residual of some joint by over 5 %."""
     total = reduce(operator.add, fit.fifths)
-    squares, squares_with_zeros = np.zeros(len(fit.names)), np.zeros(len(fit.names))  # of held-out residuals
+    # Squares of held-out residuals of each joint:
+    squares = np.zeros(len(fit.names))
+    squares_with_zeros = np.zeros(len(fit.names))
     for fifth in fit.fifths:
-        others = total - fifth
-        A, b = others.N.sum(axis=0), others.c.sum(axis=0)
+        other_fifths = total - fifth
+        A = other_fifths.N.sum(axis=0)
+        b = other_fifths.c.sum(axis=0)
         kept = np.delete(np.arange(len(b)), groups)
         prior = Prior(fit.prior.mean[kept], fit.prior.size[kept])
         x_with_zeros = np.zeros(len(b))
@@ -287,21 +316,24 @@ def _negative_matters(fit: FittedLog, groups: Array) -> bool:
 
 
 def _negative_values(fit: FittedLog, groups: Sequence[int], kinds: Array) -> Iterator[Doubt]:
-    """Doubts about negative values of groups, by joint; ``kinds`` (r,) are those of the groups' first parameters."""
-    joint_of_inertia, joint_of_friction = dict[int, str](), dict[int, str]()  # by group
+    """Doubts about negative values of groups, by joint; ``kinds`` (r,) are the kinds of the groups' first parameters."""
+    joint_of_group: dict[int, str] = {}
+    joint_of_inertia: dict[int, str] = {}  # by group
+    joint_of_friction: dict[int, str] = {}  # by group
     for k in groups:
-        joint = fit.base.names[k].split(".")[0]
+        joint, _, _ = fit.base.names[k].partition(".")
+        joint_of_group[k] = joint
         if kinds[k] == "motor_inertia":
             joint_of_inertia[k] = joint
         else:
             joint_of_friction[k] = joint
-    # a wrong sign turns both; friction alone may be compensated
-    count_of_joint = Counter([fit.base.names[k].split(".")[0] for k in groups])
+    # A wrong sign turns friction and inertia; friction alone may be compensated.
+    count_by_joint = Counter(joint_of_group.values())
     inertia_joints = set(joint_of_inertia.values())
-    wrong_signs = [joint for joint, count in count_of_joint.items() if count > 1 and joint in inertia_joints]
-    if wrong_signs:
+    turned_joints = [joint for joint, count in count_by_joint.items() if count > 1 and joint in inertia_joints]
+    if turned_joints:
         evidence = "its friction and motor inertia come out negative"
-        yield doubt("torque-sign", wrong_signs, level="refuse", named=listed(wrong_signs), evidence=evidence)
+        yield doubt("torque-sign", turned_joints, level="refuse", named=listed(turned_joints), evidence=evidence)
         return
     if joint_of_friction:
         joints = sorted({*joint_of_friction.values()}, key=fit.names.index)
@@ -320,50 +352,57 @@ def _negative_values(fit: FittedLog, groups: Sequence[int], kinds: Array) -> Ite
 
 
 def _values_text(fit: FittedLog, groups: Sequence[int]) -> str:
-    """Text of the first four of some groups, with their values and deviations."""
-    return ", ".join(f"{fit.base.names[k]} = {plus_minus(fit.x[k], fit.deviations[k])}" for k in groups[:4])
+    """Text of the first of some groups, with their values and deviations."""
+    texts = [f"{fit.base.names[k]} = {plus_minus(fit.x[k], fit.deviations[k])}" for k in groups[:_MAX_NAMED_JOINTS]]
+    return ", ".join(texts)
 
 
 def _negative_energy(fit: FittedLog) -> list[Doubt]:
-    """Negative kinetic energy ½ q̇' M(q) q̇ at some pose of the logs, at velocities q̇ like those of the logs.
+    """Doubt about a negative kinetic energy ½ q̇' M(q) q̇ at some pose of the logs.
 
-    At each pose, q̇ is the direction with the least energy.
+    At each pose, q̇ is the direction with the least energy, with speeds as in the logs.
     """
     from scipy.special import chdtri
 
-    base, friction_speed = fit.base, fit.settings.friction_speed
+    base = fit.base
+    friction_speed = fit.settings.friction_speed
     n = len(fit.names)
-    q = fit.q[:: max(1, len(fit.q) // _POSES)]
+    row_step = max(1, len(fit.q) // _POSES)
+    q = fit.q[::row_step]
     zeros = np.zeros((len(q), n))
     static_columns = base.unknown.columns(base.kept, q, zeros, zeros, friction_speed)
-    # columns of M: M_ij is linear in the groups, with torque i for unit acceleration j
+    # M_ij is torque i for unit acceleration j, and linear in the groups: these are its columns (m, n, n, r).
     M_columns = np.empty((*static_columns.shape[:2], n, static_columns.shape[2]))
     for j, e in enumerate(np.eye(n)):
-        M_columns[:, :, j] = base.unknown.columns(base.kept, q, zeros, zeros + e, friction_speed) - static_columns
+        columns = base.unknown.columns(base.kept, q, zeros, zeros + e, friction_speed)
+        M_columns[:, :, j] = columns - static_columns
     speeds = np.sqrt((fit.speed**2).mean(axis=0)) * ~fit.dead
     M = np.einsum("mijr,r,i,j->mij", M_columns, fit.x, speeds, speeds)  # for velocities in units of the speeds
     doubled_energies, directions = np.linalg.eigh(0.5 * (M + M.swapaxes(1, 2)))
-    dq = directions[..., 0] * speeds
+    dq = directions[..., 0] * speeds  # with the least energy
     energy_columns = 0.5 * np.einsum("mijr,mi,mj->mr", M_columns, dq, dq)
     variances = np.einsum("mr,rs,ms->m", energy_columns, fit.covariance, energy_columns)
     deviations = np.sqrt(np.maximum(variances, 0.0))
     quantile = np.sqrt(chdtri(n, _MAX_CHANCE))
     worst = int(np.argmin(energy_columns @ fit.x + quantile * deviations))
-    energy, deviation = float(energy_columns[worst] @ fit.x), float(deviations[worst])
+    energy = float(energy_columns[worst] @ fit.x)
+    deviation = float(deviations[worst])
     largest_energy = 0.5 * doubled_energies[worst, -1]
-    if energy >= -quantile * deviation or -energy <= _MIN_NEGATIVE_SHARE * largest_energy:
+    is_significant = energy < -quantile * deviation
+    if not is_significant or -energy <= _MIN_NEGATIVE_SHARE * largest_energy:
         return []
-    direction = np.abs(directions[worst, :, 0])
-    order = np.argsort(-direction)
-    names = fit.joints(order[direction[order] > _MIN_SHARE_OF_DIRECTION * direction.max()])
+    parts = np.abs(directions[worst, :, 0])  # of the joints in the direction
+    largest_first = np.argsort(-parts)
+    is_large = parts[largest_first] > _MIN_SHARE_OF_DIRECTION * parts.max()
+    names = fit.joints(largest_first[is_large])
     values = f"a kinetic energy of {plus_minus(energy, deviation)} J in a motion of {listed(names, 4)}"
     return [doubt("negative-inertia", names, values=values)]
 
 
 def _residual_doubts(fit: FittedLog, *, known: bool, loud: bool) -> list[Doubt]:
-    """Doubts about the residual in rows held out; none if its reason is ``known``.
+    """Doubts about the residual in held-out rows; none if the reason of the residual is ``known``.
 
-    ``loud``: True if the motion determines too little, and the residual is far above the noise.
+    ``loud`` is True if the motion determines too little, and the residual is far above the noise.
     """
     if known:
         return []
@@ -373,8 +412,9 @@ def _residual_doubts(fit: FittedLog, *, known: bool, loud: bool) -> list[Doubt]:
         live_joints = fit.joints(np.flatnonzero(~fit.dead))
         worst = max(live_joints, key=lambda joint: held.joints[joint])
         when = _largest_at(held, list(held.joints).index(worst)) if loud else ""
-        left, most = percent(held.all, 3), percent(held.joints[worst], 3)
-        doubts.append(doubt("partly-unexplained", [worst], left=left, most=most, when=when))
+        share = percent(held.all, 3)
+        share_of_worst = percent(held.joints[worst], 3)
+        doubts.append(doubt("partly-unexplained", [worst], left=share, most=share_of_worst, when=when))
     joints = _poorly_predicted(fit)
     if joints and "refuse" not in _levels(doubts):
         message = listed([f"{joint} to {percent(held.joints[joint], 3)}" for joint in joints], _MAX_NAMED_JOINTS)
@@ -383,9 +423,9 @@ def _residual_doubts(fit: FittedLog, *, known: bool, loud: bool) -> list[Doubt]:
 
 
 def _residual_above_noise(fit: FittedLog) -> bool:
-    """True if the residual of some joint in training rows exceeds three times its noise, and 5 % of its torque.
+    """True if the residual of some joint in training rows exceeds three times the joint's noise, and 5 % of its torque.
 
-    Noise is assumed to be white. Its part below the cut-off follows from the torques above the cut-off, by the ratio of both
+    Noise is assumed to be white. The noise below the cut-off follows from the torques above the cut-off, by the ratio of both
     frequency ranges.
     """
     cutoff = fit.settings.cutoff
@@ -404,7 +444,8 @@ def _residual_above_noise(fit: FittedLog) -> bool:
 
 def _largest_at(held: HeldOut, joint: int) -> str:
     """Text of the time at which the residual of a joint is largest; empty for several logs."""
-    largest, text = -1.0, ""
+    largest = -1.0  # residual
+    text = ""
     for rows in held.rows:
         is_of_several_logs = rows.log.any()  # the first has index 0
         if is_of_several_logs:
@@ -419,11 +460,13 @@ def _largest_at(held: HeldOut, joint: int) -> str:
 
 
 def _poorly_predicted(fit: FittedLog) -> list[str]:
-    """Joints whose residual in rows held out is a large share of their torque, and of their effort limit if they have one."""
-    held, effort = fit.held_out, fit.base.unknown.model.limits.effort
-    count = sum(len(rows.time) for rows in held.rows)
-    residual = np.sqrt(held.squares / max(count, 1))  # rms
+    """Joints whose held-out residual is a large share of their torque and, if they have one, of their effort limit."""
+    held = fit.held_out
+    effort = fit.base.unknown.model.limits.effort
+    row_count = sum(len(rows.time) for rows in held.rows)
+    residual = np.sqrt(held.squares / max(row_count, 1))  # rms
     is_small = np.isfinite(effort) & (residual <= _MAX_SHARE_OF_LIMIT * effort)
     has_torque = ~fit.dead & (held.sizes > 0)
     shares = np.array(list(held.joints.values()))
-    return fit.joints(np.flatnonzero(has_torque & ~is_small & (shares > _MAX_UNEXPLAINED_OF_JOINT)))
+    is_unexplained = shares > _MAX_UNEXPLAINED_OF_JOINT
+    return fit.joints(np.flatnonzero(has_torque & ~is_small & is_unexplained))

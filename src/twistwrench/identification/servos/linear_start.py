@@ -40,6 +40,8 @@ _BLOCK_SECONDS = 1.0
 """Duration of blocks [s], for standard deviations of autocorrelated residuals."""
 _INERTIA_SHARE = 0.1
 """Guess of an armature that the file does not have, as a share of the largest inertia of all joints."""
+_INERTIA_CONFIGURATIONS = 100
+"""About the number of configurations in which inertias are evaluated."""
 _MIN_SHARE_OF_ERROR = 1e-3
 """Smallest part in the error of an initial value, as a share of the largest part of the joint."""
 
@@ -50,18 +52,19 @@ class _Rows:
 
     log: ServoLog
     time: Array
+    """(n,) even times [s]."""
     cutoff: float
     """Cut-off of the low-pass [Hz]."""
     columns: Array
     """(n, nv, 4): ddq, dq, sgn dq and the torques r of the bodies."""
     q: Array
-    """(n, nv)"""
+    """(n, nv) positions."""
     block: Array
     """(n,) number of each row's block of time."""
 
     @classmethod
     def from_log(cls, robot: Robot, log: ServoLog) -> _Rows:
-        """Rows of a log; ``robot`` has no armature."""
+        """Rows of a log; ``robot`` is without armature, so that its torques are those of the bodies."""
         time = np.linspace(0.0, log.time[-1], len(log.time))
         rate = (len(time) - 1) / float(time[-1])
         cutoff = min(_MAX_CUTOFF, _MAX_CUTOFF_SHARE * rate)
@@ -71,34 +74,37 @@ class _Rows:
         sign = low_pass(np.tanh(dq / _FRICTION_SPEED), cutoff, rate)
         body_torques = np.asarray(robot.inverse_dynamics(q, dq, ddq))
         columns = np.stack([ddq, dq, sign, body_torques], axis=2)
-        return cls(log, time, cutoff, columns, q, (time / _BLOCK_SECONDS).astype(int))
+        block = (time / _BLOCK_SECONDS).astype(int)
+        return cls(log, time, cutoff, columns, q, block)
 
     def error(self, delay: float, hold: Hold) -> Array:
-        """(n, nv) tracking error with a delayed command."""
+        """(n, nv) tracking error with a command that is delayed by ``delay`` [s]."""
         rate = (len(self.time) - 1) / float(self.time[-1])
         period = 1.0 / rate
-        mean_begin = self.time - delay - 0.5 * period  # the mean is over a period about each time
-        c = self.log.mean_command(mean_begin, period, hold)
+        begin = self.time - delay - 0.5 * period  # of the means, each over a period about its time
+        c = self.log.mean_command(begin, period, hold)
         return np.asarray(low_pass(c, self.cutoff, rate) - self.q)
 
 
 def scale_determining_torques(robot: Robot, logs: Sequence[ServoLog]) -> Array:
-    """(nv,) rms of the part of the bodies' torques that determines the scale of a joint's values.
+    """(nv,) rms of the part of the bodies' torques that determines the scale of a joint's parameters.
 
-    This is the residual of a fit by armature, damping and friction, whose scale is free.
+    This part is the residual after a fit by torques of armature, damping and friction, which determine only ratios.
     """
     bare_robot = _without_armature(robot)
     columns = np.concatenate([_Rows.from_log(bare_robot, log).columns for log in logs])
     torques = np.zeros(robot.nv)
     for j in range(robot.nv):
-        drive, torque = columns[:, j, :3], columns[:, j, 3]
-        X = drive / (np.linalg.norm(drive, axis=0) + 1e-300)
-        residual = torque - X @ np.linalg.lstsq(X, torque, rcond=None)[0]
+        drive_columns, torque = columns[:, j, :3], columns[:, j, 3]
+        X = drive_columns / (np.linalg.norm(drive_columns, axis=0) + 1e-300)  # not divided by zero
+        x, *_ = np.linalg.lstsq(X, torque, rcond=None)
+        residual = torque - X @ x
         torques[j] = np.sqrt((residual**2).mean())
     return torques
 
 
 def _without_armature(robot: Robot) -> Robot:
+    """Robot whose drives have no armature."""
     if not robot.armature.any():
         return robot
     return robot.with_armature(dict.fromkeys(robot.model.velocity_names, 0.0))
@@ -107,18 +113,13 @@ def _without_armature(robot: Robot) -> Robot:
 def linear_start(robot: Robot, logs: Sequence[ServoLog], hold: Hold) -> tuple[Array, Array]:
     """Initial unknowns (4 nv + 1,), and guessed armatures (nv,).
 
-    The unknowns are the logarithms of armature, damping, Coulomb friction and kp of each joint, four in a row. The last one is
-    the delay [s].
+    The unknowns are four logarithms for each joint, of armature, damping, Coulomb friction and kp; and, at the end, the delay
+    [s].
     """
     bare_robot = _without_armature(robot)
     rows_of_logs = [_Rows.from_log(bare_robot, log) for log in logs]
-    block_count = 0
-    blocks = list[Array]()
-    for rows in rows_of_logs:
-        blocks.append(rows.block + block_count)
-        block_count += int(rows.block[-1]) + 1
     columns = np.concatenate([rows.columns for rows in rows_of_logs])
-    block = np.concatenate(blocks)
+    block = _block_numbers(rows_of_logs)
 
     def joint_fits(delay: float) -> list[_JointFit]:
         """Regression of each joint with a delay of the commands."""
@@ -127,10 +128,23 @@ def linear_start(robot: Robot, logs: Sequence[ServoLog], hold: Hold) -> tuple[Ar
 
     delays = np.linspace(0.0, _MAX_DELAY, _DELAY_COUNT)
     costs = [_log_square_residuals(joint_fits(delay)) for delay in delays]
-    delay = float(delays[int(np.argmin(costs))])
-    armatures = _guessed_armatures(robot, np.concatenate([log.q for log in logs]))
-    parameters = [_drive_parameters(fit, armature) for fit, armature in zip(joint_fits(delay), armatures, strict=True)]
-    return np.append(np.log(parameters).ravel(), delay), armatures
+    best_delay = float(delays[int(np.argmin(costs))])
+    fits = joint_fits(best_delay)
+    all_q = np.concatenate([log.q for log in logs])
+    armatures = _guessed_armatures(robot, all_q)
+    parameters = [_drive_parameters(fit, armature) for fit, armature in zip(fits, armatures, strict=True)]
+    logarithms = np.log(parameters).ravel()
+    return np.append(logarithms, best_delay), armatures
+
+
+def _block_numbers(rows_of_logs: Sequence[_Rows]) -> Array:
+    """(n,) number of the block of time of each row of all logs; no block is in two logs."""
+    block_count = 0
+    blocks: list[Array] = []
+    for rows in rows_of_logs:
+        blocks.append(rows.block + block_count)
+        block_count += int(rows.block[-1]) + 1
+    return np.concatenate(blocks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,11 +163,13 @@ class _JointFit:
     @classmethod
     def from_rows(cls, columns: Array, error: Array, block: Array) -> _JointFit:
         """Fit of columns (n, 4) to the error (n,) of a joint."""
-        moving = np.abs(columns[:, 1]) > _MIN_SPEED
-        X, y = columns[moving], error[moving]
-        size = np.linalg.norm(X, axis=0) + 1e-300
-        x = np.linalg.lstsq(X / size, y, rcond=None)[0] / size
-        return cls(x, X, y - X @ x, block[moving])
+        speed = np.abs(columns[:, 1])
+        is_moving = speed > _MIN_SPEED
+        X, y = columns[is_moving], error[is_moving]
+        size = np.linalg.norm(X, axis=0) + 1e-300  # not divided by zero
+        scaled_x, *_ = np.linalg.lstsq(X / size, y, rcond=None)
+        x = scaled_x / size
+        return cls(x, X, y - X @ x, block[is_moving])
 
 
 def _log_square_residuals(fits: Sequence[_JointFit]) -> float:
@@ -161,34 +177,40 @@ def _log_square_residuals(fits: Sequence[_JointFit]) -> float:
     total = 0.0
     for fit in fits:
         if len(fit.residual):
-            total += float(np.log((fit.residual**2).mean() + 1e-30))
+            total += float(np.log((fit.residual**2).mean() + 1e-30))  # no logarithm of zero
     return total
 
 
 def _drive_parameters(fit: _JointFit, armature: float) -> Array:
-    """Armature, damping, Coulomb friction and kp of one joint; a guess of its armature may determine the scale."""
-    x, X = fit.x, fit.X
-    rms, largest_part, block_scores = np.ones(4), 1.0, np.zeros((1, 4))  # of a joint that does not move
+    """(4,) armature, damping, Coulomb friction and kp of one joint; the guessed ``armature`` may determine their scale."""
+    x = fit.x
+    X = fit.X
     if len(X):
         rms = np.sqrt((X**2).mean(axis=0))
         largest_part = float(np.abs(x * rms).max())  # in the tracking error
         block_begins = np.flatnonzero(np.diff(fit.block, prepend=-1))
         block_scores = np.add.reduceat(X * fit.residual[:, None], block_begins)
+    else:  # the joint does not move
+        rms = np.ones(4)
+        largest_part = 1.0
+        block_scores = np.zeros((1, 4))
     min_ratios = _MIN_SHARE_OF_ERROR * largest_part / np.maximum(rms, 1e-12)
     ratios = np.maximum(x, min_ratios)  # logarithms need numbers above zero
     N = np.linalg.pinv(X.T @ X)
     covariance = N @ block_scores.T @ block_scores @ N  # residuals within a block may be correlated
+    inverse_kp = x[3]
     deviation = float(np.sqrt(covariance[3, 3]))
-    if deviation > 0.0 and x[3] > _MIN_DEVIATIONS * deviation:  # the torque of the bodies determines 1/kp
-        kp = 1.0 / x[3]
+    if deviation > 0.0 and inverse_kp > _MIN_DEVIATIONS * deviation:  # the torque of the bodies determines 1/kp
+        kp = 1.0 / inverse_kp
     else:
         kp = armature / ratios[0]
     return np.append(kp * ratios[:3], kp)
 
 
 def _guessed_armatures(robot: Robot, q: Array) -> Array:
-    """(nv,) armature of the file, or a share of the largest inertia of all joints."""
-    every = max(1, len(q) // 100)  # 100 configurations suffice
-    M = np.asarray(robot.mass_matrix(q[::every]))
+    """(nv,) armature of each drive: that of the file, or a share of the largest inertia of all joints."""
+    row_step = max(1, len(q) // _INERTIA_CONFIGURATIONS)
+    M = np.asarray(robot.mass_matrix(q[::row_step]))
     inertias = np.diagonal(M, axis1=1, axis2=2).max(axis=0)
-    return np.asarray(np.where(robot.armature > 0.0, robot.armature, _INERTIA_SHARE * inertias.max()))
+    guess = _INERTIA_SHARE * inertias.max()
+    return np.asarray(np.where(robot.armature > 0.0, robot.armature, guess))

@@ -104,10 +104,13 @@ class ClosedForm:
 
 def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> ClosedForm:
     """All terms at one state, from block matrices of size 6n. MR section 8.4."""
-    n, nv = len(model.bodies), model.nv
+    n = len(model.bodies)
     T = [np.asarray(pose, float) for pose in joint_poses(model, np.asarray(q, float))]
-    A, G, W = np.zeros((6 * n, nv)), np.zeros((6 * n, 6 * n)), np.zeros((6 * n, 6 * n))
-    dV_base, F = np.zeros(6 * n), np.zeros(6 * n)
+    A = np.zeros((6 * n, model.nv))
+    G = np.zeros((6 * n, 6 * n))
+    W = np.zeros((6 * n, 6 * n))
+    dV_base = np.zeros(6 * n)
+    F = np.zeros(6 * n)
     rows_of_bodies = [slice(6 * i, 6 * i + 6) for i in range(n)]
     for i, body in enumerate(model.bodies):
         rows = rows_of_bodies[i]
@@ -125,7 +128,8 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
             F[rows_of_bodies[frame.body]] += Ad(se3.inverse(frame.pose)).matrix.T @ F_by
     L = np.linalg.inv(np.eye(6 * n) - W)
     V = L @ A @ dq
-    ad_V, ad_Adq = _block_diagonal(V), _block_diagonal(A @ dq)
+    ad_V = _block_diagonal(V)
+    ad_Adq = _block_diagonal(A @ dq)
     return ClosedForm(
         M=A.T @ L.T @ G @ L @ A + armature_matrix(model),
         c=-A.T @ L.T @ (G @ L @ ad_Adq @ W + ad_V.T @ G) @ V + _armature_products(model, dq),
@@ -136,7 +140,7 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
 
 
 def _armature_products(model: Model, dq: Array) -> Array:
-    """Part of c due to the armature A of each joint: -S [V, ·]' S' A u, with u = dq and V = S' u the joint's twist; (nv,)."""
+    """Part (nv,) of c due to the armature A of the joints: -S [V, ·]' S' A u, with u = dq and the joint's twist V = S' u."""
     c = np.zeros(model.nv)
     A_u = model.armature * dq
     for body in model.leaders:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def ten_parameters(m: Any, h: Any, I: Array) -> list[Any]:
-    """Inertial parameters from a mass, a first moment (3,) and a rotational inertia (3, 3), all about one origin."""
+    """Inertial parameters (10) from mass m, first moment h (3,) and rotational inertia I (3, 3) about one origin."""
     return [m, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]]
 
 
@@ -39,11 +39,12 @@ def rotational_inertia(S: Array) -> Array:
 def clip_eigenvalues(S: Array, least: float = 0.0) -> Array:
     """Nearest S in the Frobenius norm with eigenvalues of at least ``least`` times the largest absolute eigenvalue."""
     values, axes = np.linalg.eigh(S)
-    return np.asarray(axes * np.maximum(values, least * np.abs(values).max()) @ axes.T)
+    min_value = least * np.abs(values).max()
+    return np.asarray(axes * np.maximum(values, min_value) @ axes.T)
 
 
 def moment_matrix(I: ArrayLike) -> Array:
-    """Return a rotational inertia (3, 3). For three numbers, the error message shows how to make a diagonal matrix."""
+    """Validated rotational inertia (3, 3). For three numbers, the error message shows how to make a diagonal matrix."""
     try:
         return arguments.one(I, "moment_about_com", 3, 3)
     except ShapeError as problem:
@@ -51,7 +52,9 @@ def moment_matrix(I: ArrayLike) -> Array:
             is_three_numbers = np.shape(I) == (3,)
         except ValueError:  # rows of different lengths
             is_three_numbers = False
-        hint = " Three moments about the axes are np.diag(…) of them." if is_three_numbers else ""
+        hint = ""
+        if is_three_numbers:
+            hint = " Three moments about the axes are np.diag(…) of them."
         raise ShapeError(f"{problem}{hint}") from None
 
 
@@ -162,8 +165,10 @@ def cylinder(
     >>> SpatialInertia.cylinder(2.0, 6.0, mass=1.0).moment_about_com.diagonal().tolist()
     [4.0, 4.0, 2.0]
     """
-    (r,), (h,) = _lengths("radius", radius, 1), _lengths("length", length, 1)
-    across, along = r * r / 4.0 + h * h / 12.0, r * r / 2.0
+    (r,) = _lengths("radius", radius, 1)
+    (h,) = _lengths("length", length, 1)
+    across = r * r / 4.0 + h * h / 12.0  # about x and y
+    along = r * r / 2.0  # about z
     volume = np.pi * r * r * h
     return _solid_about_centre(cls, "cylinder", volume, (across, across, along), mass, density)
 
@@ -184,15 +189,17 @@ def capsule(
     >>> bool(np.allclose(ball.parameters, pill.parameters))
     True
     """
-    (r,), (h,) = _lengths("radius", radius, 1), _lengths("length", length, 1)
+    (r,) = _lengths("radius", radius, 1)
+    (h,) = _lengths("length", length, 1)
     tube = np.pi * r * r * h  # volume of the cylinder
     ball = 4.0 / 3.0 * np.pi * r**3  # volume of both hemispheres together
-    # A hemisphere's centre of mass is 3r/8 above its flat face, which is h/2 above the origin. By Steiner's theorem, its moment
-    # per volume, 2/5 r² about the face's centre, grows by (h/2 + 3r/8)² - (3r/8)² = h²/4 + 3/8 h r.
+    # A hemisphere's centre of mass is 3r/8 above its flat face, and the face is h/2 above the origin. The moment per volume is
+    # 2/5 r² about the face's centre. By Steiner's theorem, it grows by (h/2 + 3r/8)² - (3r/8)² = h²/4 + 3/8 h r.
     across = tube * (r * r / 4.0 + h * h / 12.0) + ball * (2.0 / 5.0 * r * r + h * h / 4.0 + 3.0 / 8.0 * h * r)
     along = tube * r * r / 2.0 + ball * 2.0 / 5.0 * r * r
     volume = tube + ball
-    return _solid_about_centre(cls, "capsule", volume, np.array([across, across, along]) / volume, mass, density)
+    moments = np.array([across, across, along]) / volume
+    return _solid_about_centre(cls, "capsule", volume, moments, mass, density)
 
 
 def cone(
@@ -213,23 +220,30 @@ def cone(
     >>> SpatialInertia.cone(2.0, 4.0, mass=10.0).moment_about_com.diagonal().tolist()
     [12.0, 12.0, 12.0]
     """
-    (r,), (h,) = _lengths("radius", radius, 1), _lengths("height", height, 1)
-    across, along = 3.0 / 20.0 * r * r + 3.0 / 80.0 * h * h, 3.0 / 10.0 * r * r
+    (r,) = _lengths("radius", radius, 1)
+    (h,) = _lengths("height", height, 1)
+    across = 3.0 / 20.0 * r * r + 3.0 / 80.0 * h * h  # about x and y
+    along = 3.0 / 10.0 * r * r  # about z
     volume = np.pi / 3.0 * r * r * h
     return _solid_about_centre(cls, "cone", volume, (across, across, along), mass, density)
+
+
+_MIN_LENGTH = 1e-100  # [m]
+_MAX_LENGTH = 1e100  # [m]
 
 
 def total_mass(shape: str, volume: float, mass: float | None, density: float | None) -> float:
     """Mass [kg] of ``volume`` [m³] from exactly one of mass and density, both positive and finite."""
     if (mass is None) == (density is None):
-        count = "neither" if mass is None else "both"
-        raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {count}.")
+        given = "neither" if mass is None else "both"
+        raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {given}.")
     if mass is not None:
         return _positive_number(mass, f"{shape}: mass")
     return _positive_number(density, f"{shape}: density") * volume
 
 
 def _positive_number(x: Any, name: str) -> float:
+    """Validated number above zero; ``name`` is for messages."""
     value = arguments.number(x, name)
     if not 0.0 < value < np.inf:
         raise ValueRangeError(f"{name} is {value}, and must be positive and finite.")
@@ -237,12 +251,13 @@ def _positive_number(x: Any, name: str) -> float:
 
 
 def _lengths(name: str, value: ArrayLike, count: int) -> Array:
-    """One length or several, (count,), in the range where squares and products neither overflow nor underflow."""
+    """Validated lengths (count,), in the range where squares and products neither overflow nor underflow."""
     if count > 1:
         lengths = arguments.one(value, name, count)
     else:
         lengths = np.array([arguments.number(value, name)])
-    if not ((lengths >= 1e-100) & (lengths <= 1e100)).all():
+    is_in_range = (lengths >= _MIN_LENGTH) & (lengths <= _MAX_LENGTH)
+    if not is_in_range.all():
         text = lengths.tolist() if count > 1 else lengths[0]
         raise ValueRangeError(f"{name} is {text}; lengths must be positive and finite, 1e-100 to 1e100 m.")
     return lengths
@@ -251,9 +266,10 @@ def _lengths(name: str, value: ArrayLike, count: int) -> Array:
 def _solid_about_centre(
     cls: type[SpatialInertia], shape: str, volume: float, moments: ArrayLike, mass: float | None, density: float | None
 ) -> SpatialInertia:
-    """Solid about its centre, from its principal moments per unit mass."""
+    """Solid about its centre, from its principal moments (3,) per unit mass [m²]."""
     m = total_mass(shape, float(volume), mass, density)
-    return cls.from_com(m, moment_about_com=m * np.diag(np.asarray(moments, float)))
+    unit_I = np.diag(np.asarray(moments, float))
+    return cls.from_com(m, moment_about_com=m * unit_I)
 
 
 complete(globals())

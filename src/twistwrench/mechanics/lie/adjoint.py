@@ -28,18 +28,18 @@ def _rotate(R: Array, x: Array) -> Array:
 
 
 class _Operator(ABC):
-    """Common part of both adjoints: application along the last axis, and the full matrix."""
+    """Common part of both adjoint operators: application along the last axis, and the full matrix."""
 
     __array_ufunc__ = None  # ndarray @ operator raises TypeError instead of broadcasting
 
     transposed: bool
     """True for the transpose, which acts on wrenches."""
     frames: tuple[str, str] | None
-    """Frames of the result and of the argument, if the pose or the twist is labelled."""
+    """Frames of the result and of the argument; None if the pose or the twist has no labels."""
 
     @abstractmethod
     def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
-        """First and last three entries of the result for vectors whose first and last three entries are a and b."""
+        """Halves (..., 3) of the images of vectors (..., 6), from the vectors' halves a and b."""
 
     @property
     @abstractmethod
@@ -48,8 +48,8 @@ class _Operator(ABC):
 
     def __matmul__(self, x: Any) -> Any:
         if hasattr(x, "frame"):
-            return NotImplemented  # its __rmatmul__ checks frames
-        if hasattr(x, "moment_about_origin"):
+            return NotImplemented  # __rmatmul__ of the labelled vector checks frames
+        if hasattr(x, "moment_about_origin"):  # a spatial inertia
             raise ShapeError(f"{self._name} @ G: it acts on twists and wrenches. Write {self._name} @ (G @ V).")
         if hasattr(x, "shape") and len(x.shape) == 2 and x.shape[0] == 6:
             self._check_rows(x.shape[1])
@@ -60,10 +60,14 @@ class _Operator(ABC):
 
     @property
     def _name(self) -> str:
-        return f"{type(self).__name__}(…)" + ".T" * self.transposed
+        """Name of the operator in messages: ``Ad(…)`` or ``Ad(…).T``."""
+        name = f"{type(self).__name__}(…)"
+        if self.transposed:
+            name += ".T"
+        return name
 
     def _check_rows(self, columns: int) -> None:
-        """Refuse a matrix (6, n), such as a Jacobian, and warn of a matrix (6, 6), whose rows would be taken as vectors."""
+        """Refuse a matrix (6, n), such as a Jacobian; warn of a matrix (6, 6), since its rows are taken as vectors."""
         remedy = f"For the product of two matrices, write {self._name}.matrix @ x"
         if columns != 6:
             raise ShapeError(f"{self._name} @ x: x has shape (6, {columns}), expected vectors (..., 6). {remedy}.")
@@ -76,7 +80,7 @@ class _Operator(ABC):
             )
 
     def apply(self, x: ArrayLike) -> Array:
-        """Image of each vector along the last axis; ``@`` is the same, with a warning for arrays (6, 6).
+        """Image of each vector along the last axis. ``@`` returns the same images, with a warning for arrays (6, 6).
 
         Parameters
         ----------
@@ -94,8 +98,9 @@ class _Operator(ABC):
         x = arguments.array(x, f"{type(self).__name__}(…) @ x: x", 6)
         try:
             return np.concatenate(self._apply(x[..., :3], x[..., 3:]), axis=-1)
-        except ValueError:  # batches that do not fit: the following raises ShapeError
-            arguments.together(**{type(self).__name__: np.empty((*self._batch, 1)), "x": x[..., :1]})
+        except ValueError:  # batches that do not fit
+            batches = {type(self).__name__: np.empty((*self._batch, 1)), "x": x[..., :1]}
+            arguments.together(**batches)  # raises ShapeError
             raise
 
     @property
@@ -151,13 +156,16 @@ class Ad(_Operator):
 
     def __init__(self, T: ArrayLike) -> None:
         self._pose = arguments.pose(T, "Ad: T")
-        self.transposed, self.inverted = False, False
-        self.frames = (T.to, T.of) if hasattr(T, "to") and hasattr(T, "of") else None  # of a labelled pose
+        self.transposed = False
+        self.inverted = False
+        self.frames = None
+        if hasattr(T, "to") and hasattr(T, "of"):  # a labelled pose
+            self.frames = (T.to, T.of)
 
     @property
     def inverse(self) -> Self:
         """Ad(T⁻¹) without inverting T: ``Ad(T_ab).inverse @ V_a`` is V_b, ``Ad(T_ab).inverse.T @ F_b`` is F_a."""
-        inverse = self.T  # exchanges the frames, as the inverse does
+        inverse = self.T  # like the inverse, the transpose exchanges the frames
         inverse.transposed = self.transposed
         inverse.inverted = not self.inverted
         return inverse

@@ -23,27 +23,30 @@ from ..lie.identity import IDENTITY, UPRIGHT
 from .limits import Limits
 
 _MAX_LISTED_SUBJECTS = 4
-"""Number of subjects named in a grouped sentence; further ones are counted, and ``robot.defects`` lists all."""
+"""Number of later subjects that a grouped sentence names; others are counted, and ``robot.defects`` lists all."""
 
 
 class ModelNote(str):
     """Sentence with a known subject: ``ModelNote("link 'a'", "has no mass") == "link 'a' has no mass"``."""
 
     subject: str
+    """Link, joint or other part that the note is about, as messages name it."""
     predicate: str
+    """Rest of the sentence, after the subject."""
 
     def __new__(cls, subject: str, predicate: str) -> ModelNote:
         """Sentence of ``subject`` and ``predicate``."""
-        text = super().__new__(cls, f"{subject} {predicate}")
-        text.subject, text.predicate = subject, predicate
-        return text
+        note = super().__new__(cls, f"{subject} {predicate}")
+        note.subject = subject
+        note.predicate = predicate
+        return note
 
     def __reduce__(self) -> tuple[type[ModelNote], tuple[str, str]]:
         return ModelNote, (self.subject, self.predicate)
 
 
 def grouped(remarks: Iterable[str]) -> list[str]:
-    """Notes in their order, as sentences; notes on several subjects with one predicate are joined into one sentence.
+    """Sentences of notes, in the order of the notes; several notes with one predicate become one sentence.
 
     >>> grouped([ModelNote("joint 'a'", "has no limit"), "x", ModelNote("joint 'b'", "has no limit")])
     ["joint 'a' has no limit; the same of joint 'b'", 'x']
@@ -59,36 +62,38 @@ def grouped(remarks: Iterable[str]) -> list[str]:
         else:
             later_subjects[remark.predicate] = []
             first_remarks.append(remark)
-    joined: list[str] = []
+    joined_remarks: list[str] = []
     for remark in first_remarks:
-        subjects = later_subjects[remark.predicate] if isinstance(remark, ModelNote) else []
-        if subjects:
-            joined.append(f"{remark}; the same of {listed(subjects, _MAX_LISTED_SUBJECTS)}")
-        else:
-            joined.append(str(remark))
-    return joined
+        sentence = str(remark)
+        if isinstance(remark, ModelNote) and later_subjects[remark.predicate]:
+            others = listed(later_subjects[remark.predicate], _MAX_LISTED_SUBJECTS)
+            sentence += f"; the same of {others}"
+        joined_remarks.append(sentence)
+    return joined_remarks
 
 
 def sentences(name: str, remarks: Iterable[str]) -> list[str]:
-    """Warnings of a robot, from its notes."""
+    """Texts of warnings about a robot, from its notes."""
     return [f"robot {name!r}: {text}." for text in grouped(remarks)]
 
 
 def issue(texts: Iterable[str]) -> None:
-    """Issue warnings, attributed to the user's line."""
+    """Issue warnings that point to the user's line."""
     for text in texts:
         warnings.warn(text, ModelWarning, stacklevel=frames_to_user())
 
 
 def frames_to_user() -> int:
     """Stack level of the first caller outside this package, for warnings that point to the user's line."""
-    package = __name__.partition(".")[0]
-    level, frame = 1, sys._getframe(1)
+    own_package, _, _ = __name__.partition(".")
+    frame = sys._getframe(1)  # of the caller, which has level 1
+    level = 1
     while frame.f_back is not None:
-        root_package = frame.f_globals.get("__name__", "").partition(".")[0]
-        if root_package != package:
+        package, _, _ = frame.f_globals.get("__name__", "").partition(".")
+        if package != own_package:
             break
-        level, frame = level + 1, frame.f_back
+        frame = frame.f_back
+        level += 1
     return level
 
 
@@ -98,7 +103,13 @@ Mimic = tuple[str, float, float]
 """Leader, multiplier and offset: the joint's coordinate is multiplier * leader + offset."""
 
 _MAX_ROW_GAP = 1e-15
-"""Largest gap of the rows for which R'R is certainly within 1e-14 of the identity, so that R is left unchanged."""
+"""Gap of the rows up to which R'R is certainly closer to the identity than ``_MAX_EXACT_DEVIATION``."""
+_MAX_EXACT_DEVIATION = 1e-14
+"""Largest entry of R'R - 1 with which R is left unchanged."""
+_MAX_DEVIATION = 1e-6
+"""Largest entry of R'R - 1 of a rotation that is written with six digits."""
+_LAST_ROW = [0.0, 0.0, 0.0, 1.0]
+"""Last row of a pose."""
 
 TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
 """Types of joints that may be described; fixed ones are removed when the model is built."""
@@ -106,12 +117,16 @@ TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
 
 def label(kind: str, name: str, where: str) -> str:
     """Name of a link or joint in messages, with its place in the file: ``joint 'elbow' (line 12)``."""
-    name = shorten(name) if isinstance(name, str) else name
-    return f"{kind} {name!r} ({where})" if where else f"{kind} {name!r}"
+    if isinstance(name, str):  # validated later
+        name = shorten(name)
+    text = f"{kind} {name!r}"
+    if where:
+        text += f" ({where})"
+    return text
 
 
 def unused(name: str, taken: set[str]) -> str:
-    """Unused name: ``_`` is appended until the name is free; then it is added to ``taken``."""
+    """Name that is not in ``taken``, the used names, after ``_`` is appended as often as needed; it is added to ``taken``."""
     while name in taken:
         name += "_"
     taken.add(name)
@@ -126,6 +141,7 @@ class LinkEntry:
     inertia: SpatialInertia
     """Inertia about the link frame's origin; zero if not given."""
     where: str
+    """Place in the file, for messages; may be empty."""
     shaped: bool = False
     """True if the link has a visual or collision shape."""
     hidden: bool = False
@@ -146,10 +162,14 @@ class JointEntry:
     """Pose T_parent,child (4, 4) with the joint at zero."""
     limits: Limits
     damping: float
+    """Coefficient of viscous friction [N m s/rad, N s/m]."""
     friction: float
+    """Dry friction [N m, N]."""
     mimic: Mimic | None
     where: str
+    """Place in the file, for messages; may be empty."""
     armature: float = 0.0
+    """Inertia of the joint's drive, seen from the joint [kg m², kg]."""
 
     @property
     def name(self) -> str:
@@ -178,8 +198,10 @@ class SiteEntry:
 def link_entry(
     name: str, inertia: SpatialInertia | None, where: str, shaped: bool = False, hidden: bool = False
 ) -> LinkEntry:
-    """Link with a finite inertia and nonnegative mass; inertia policies do not repair these."""
-    link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where, shaped, hidden)
+    """Link whose inertia is finite and whose mass is not negative, since inertia policies cannot repair such errors."""
+    if inertia is None:
+        inertia = SpatialInertia.zero()
+    link = LinkEntry(name, inertia, where, shaped, hidden)
     if not all(map(math.isfinite, link.inertia.parameters.tolist())):
         raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
     if link.inertia.mass < 0:
@@ -190,12 +212,12 @@ def link_entry(
 
 
 def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
-    """Mimic entry with validated numbers."""
+    """Mimic entry with validated numbers; ``who`` is the joint's name in messages, here and below."""
     if mimic is None:
         return None
     leader, multiplier, offset = mimic
-    ratio, shift = numbers([multiplier, offset], (2,), f"the mimic multiplier and offset of {who}")
-    return leader, float(ratio), float(shift)
+    multiplier, offset = numbers([multiplier, offset], (2,), f"the mimic multiplier and offset of {who}")
+    return leader, float(multiplier), float(offset)
 
 
 def armature_of(armature: ArrayLike, who: str) -> float:
@@ -213,18 +235,18 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
     if T is None or T is IDENTITY:
         return IDENTITY
     T = numbers(T, (4, 4), f"the placement of {who}")
-    rows = [row[:3] for row in T[:3].tolist()]
-    has_last_row = T[3].tolist() == [0.0, 0.0, 0.0, 1.0]
-    if has_last_row and (rows == UPRIGHT or max(map(abs, gaps(rows))) <= _MAX_ROW_GAP):  # the usual case
+    R_rows = [row[:3] for row in T[:3].tolist()]
+    has_last_row = T[3].tolist() == _LAST_ROW
+    is_rotation = R_rows == UPRIGHT or max(map(abs, gaps(R_rows))) <= _MAX_ROW_GAP  # without linear algebra
+    if is_rotation and has_last_row:  # the usual case
         return T
     R = T[:3, :3]
     deviation = np.abs(R.T @ R - np.eye(3)).max()
-    # 1e-6 accepts rotations written with six digits.
-    if deviation > 1e-6 or np.linalg.det(R) < 0 or not has_last_row:
+    if deviation > _MAX_DEVIATION or np.linalg.det(R) < 0 or not has_last_row:
         raise ModelError(
             f"the placement of {who} is not a pose: a rotation, a position and the last row 0 0 0 1 are required."
         )
-    if deviation > 1e-14:  # nearest rotation, so that the transpose is the inverse
+    if deviation > _MAX_EXACT_DEVIATION:  # nearest rotation, so that the transpose is the inverse
         U, _, Vt = np.linalg.svd(R)
         T = T.copy()
         T[:3, :3] = U @ Vt
@@ -234,9 +256,9 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
 def limits_of(
     joint: Joint, lower: float | None, upper: float | None, largest: Mapping[str, float | None], who: str
 ) -> tuple[Limits, list[str]]:
-    """Limits of a joint, (nv,) each, infinite if not given, and notes on implausible ones.
+    """Limits of a joint, (nv,) each, infinite if not given; and notes on implausible limits.
 
-    ``largest`` are the limits of magnitudes, such as the velocity, by name.
+    ``largest`` are the largest magnitudes by name: of the velocity, the effort and others.
     """
     remarks: list[str] = []
     if joint.nv != 1:
@@ -246,17 +268,19 @@ def limits_of(
         infinite = np.full(joint.nv, np.inf)
         return Limits(-infinite, infinite, infinite, infinite), remarks
     low, high = _position_limits(bool(joint.wraps), lower, upper, who, remarks)
-    magnitudes = {name: np.array([_magnitude(name, value, who, remarks)]) for name, value in largest.items()}
+    magnitudes = {}
+    for name, value in largest.items():
+        magnitudes[name] = np.array([_magnitude(name, value, who, remarks)])
     return Limits(np.array([low]), np.array([high]), **magnitudes), remarks
 
 
 def _position_limits(
     is_continuous: bool, lower: float | None, upper: float | None, who: str, remarks: list[str]
 ) -> tuple[float, float]:
-    """Limits of position, infinite where there is none; adds to ``remarks`` if they cannot be meant."""
+    """Lower and upper limit of a position, infinite where there is none; limits that are both 0 add to ``remarks``."""
     low = -np.inf if lower is None else _limit_number("lower", lower, who)
     high = np.inf if upper is None else _limit_number("upper", upper, who)
-    if is_continuous:  # its limits are ignored, but must be numbers
+    if is_continuous:  # limits of such a joint are ignored, but must be numbers
         return -np.inf, np.inf
     if low == high == 0:
         remarks.append(ModelNote(who, "has lower = upper = 0, taken to mean that no limits are given"))

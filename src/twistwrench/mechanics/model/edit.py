@@ -31,7 +31,7 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
     Raises
     ------
     InertiaError
-        The inertia is physically impossible, or that of the carrying body becomes so.
+        The inertia is physically impossible, or the inertia of the carrying body becomes impossible.
 
     Examples
     --------
@@ -53,7 +53,8 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
         return replace(model, base_inertia=model.base_inertia + inertia_in_body)
     body = model.bodies[carrier.body]
     loaded_body = replace(body, inertia=body.inertia + inertia_in_body)
-    size_of_moments = moved_moments(model, carrier.body) + abs(float(inertia_in_body.moment_about_origin.trace()))
+    payload_moments = abs(float(inertia_in_body.moment_about_origin.trace()))
+    size_of_moments = moved_moments(model, carrier.body) + payload_moments  # their rounding errors are tolerated
     if not reasons(body.inertia, size_of_moments):  # an inconsistent body that was accepted at loading stays accepted
         defects = loaded_body.inertia.defects(size=size_of_moments)
         if defects:
@@ -114,7 +115,7 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
 
 
 def _armature_columns(model: Model, name: str) -> slice:
-    """Indices in the armature of a joint or of a coupled motor."""
+    """Columns of a joint, or of a coupled motor, in the armature (nv,)."""
     coupled_joints = {joint for coupling in model.couplings for joint in coupling.joints}
     if name in model.coupled_motors or name in coupled_joints:
         k = model.drive_index(name)
@@ -146,12 +147,13 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
     """
     leaders = {body.joint.name: body for body in model.bodies if not body.follows}
     followers = {body.joint.name: body for body in model.bodies if body.follows}
-    poses: dict[int, Array] = {}  # of fixed bodies in their joints' frames, by index
-    coordinates: dict[str, float] = {}  # of locked joints
-    followers_of: dict[str, tuple[str, ...]] = {}
+    poses: dict[int, Array] = {}  # of fixed bodies in their joints' frames, by index of the body
+    coordinates: dict[str, float] = {}  # first coordinate of each locked joint
+    followers_of: dict[str, tuple[str, ...]] = {}  # names of mimic joints, by locked joint
     for name, value in positions.items():
         if name in followers:
-            leader = next(body.joint.name for body in leaders.values() if body.v_index == followers[name].v_index)
+            v_index = followers[name].v_index
+            leader = next(body.joint.name for body in leaders.values() if body.v_index == v_index)
             raise ValueRangeError(
                 f"joint {name!r} mimics {leader!r} and moves with it. "
                 f"Lock {leader!r}, or load with {argument('mimic', 'independent')}."
@@ -167,20 +169,22 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
             poses[i] = body.joint.pose(body.ratio * q + body.offset)
             if body.follows:
                 followers_of[name] = (*followers_of[name], body.joint.name)
-    locked = set(coordinates)
-    couplings = tuple(coupling for coupling in model.couplings if not set(coupling.joints) <= locked)
-    refuse_coupled(replace(model, couplings=couplings), locked, "cannot be locked alone. Lock all of them, or none")
-    undriven = set(locked)  # joints and motors that lose their actuators
+    locked_joints = set(coordinates)
+    # A coupling goes if all of its joints are locked.
+    couplings = tuple(coupling for coupling in model.couplings if not set(coupling.joints) <= locked_joints)
+    partly_locked_model = replace(model, couplings=couplings)
+    refuse_coupled(partly_locked_model, locked_joints, "cannot be locked alone. Lock all of them, or none")
+    undriven_names = set(locked_joints)  # joints and motors that lose their actuators
     for coupling in model.couplings:
         if coupling not in couplings:
-            undriven.update(coupling.motors)
+            undriven_names.update(coupling.motors)
     springs = [spring.with_fixed(coordinates) for spring in model.springs]
     fixed_bodies = [model.bodies[i] for i in poses]
     fixes_base = any(body.parent == BASE and not body.joint.driven for body in fixed_bodies)
     fused = replace(
         fuse(model, poses),
         springs=tuple(spring for spring in springs if spring.terms),
-        actuators={name: actuator for name, actuator in model.actuators.items() if name not in undriven},
+        actuators={name: actuator for name, actuator in model.actuators.items() if name not in undriven_names},
         couplings=couplings,
         mounted=model.mounted or fixes_base,
         locked=_in_file_order(model, {**model.locked, **followers_of}),
@@ -191,10 +195,10 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
 
 
 def _in_file_order(model: Model, locked: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Locked joints in the order of the file, whatever the order in which they were locked."""
-    order = {joint: number for number, (_, joint) in enumerate(model.mounts.values())}
-    in_order = sorted(locked, key=lambda joint: order.get(joint, len(order)))
-    return {joint: locked[joint] for joint in in_order}
+    """Locked joints with their mimic joints, in the order of the file, so that the order of locking does not matter."""
+    number_by_joint = {joint: number for number, (_, joint) in enumerate(model.mounts.values())}
+    joints = sorted(locked, key=lambda joint: number_by_joint.get(joint, len(number_by_joint)))
+    return {joint: locked[joint] for joint in joints}
 
 
 def _coordinates(joint: Joint, value: ArrayLike) -> Array:

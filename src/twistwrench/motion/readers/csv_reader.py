@@ -25,9 +25,15 @@ from .file_ends import FileEnds
 from .text_source import TextSource
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
+"""Decimal number, with a point if it has decimals."""
 _SEPARATORS = (";", "\t", ",", None)
 """Separators in order of preference; None for blanks."""
 _NUMBER_WITH_COMMA = re.compile(r"\s*[+-]?\d*,\d+\s*")
+"""Number with a decimal comma."""
+_MAX_QUOTED_LENGTH = 60
+"""Largest number of characters of a line that an error quotes."""
+_MAX_QUOTED_CELL = 40
+"""Number of characters of a cell that an error quotes."""
 
 
 def is_number(cell: str, *, decimal_comma: bool = False) -> bool:
@@ -51,7 +57,7 @@ class Dialect:
 
     @classmethod
     def from_header(cls, header: str, row: str | None) -> Dialect:
-        """Dialect for which the header and the row below it (None if absent) have the same number of cells."""
+        """Dialect with as many cells in the header as in the ``row`` below it, which is None if there is no row."""
         header_counts = {}  # number of cells by separator
         for separator in _SEPARATORS:
             count = len(cls(separator).cells(header))
@@ -61,10 +67,10 @@ class Dialect:
             if row is not None and _NUMBER_WITH_COMMA.fullmatch(row):
                 return cls(";")  # any separator but a comma
             return cls()
-        only_blanks_separate = set(header_counts) == {None}
-        if only_blanks_separate and row is not None and len(row.split()) == 1:  # one column, with a blank in its name
-            return cls()
         if row is not None:
+            only_blanks_separate = set(header_counts) == {None}
+            if only_blanks_separate and len(row.split()) == 1:  # one column, with a blank in its name
+                return cls()
             for separator, count in header_counts.items():
                 if len(cls(separator).cells(row)) == count:
                     return cls(separator)
@@ -115,15 +121,16 @@ _MISSING_NUMBERS = ("nan", "inf", "infinity")
 def blame(
     text: bytes, path: Path, line: int, header: Sequence[str], used: Sequence[int], dialect: Dialect
 ) -> TrajectoryError:
-    """Error for the first faulty line of ``text``.
+    """Error for the first faulty line of ``text``, in which at least one line is faulty.
 
-    ``line``: the file's line number at the beginning of the text; ``used``: columns that are read.
+    ``line`` is the line number in the file at which the text begins; ``used`` are the indices of the columns that are read.
     """
     decimal_comma = dialect.has_decimal_commas(text)
     lines = text.decode("utf-8", "replace").split("\n")
     names = [header[k] for k in used]
 
     def missing_field(raw: str) -> str | None:
+        """Text on the first missing number of a line; None if none is missing, or if the line has another fault."""
         cells = dialect.cells(raw)
         if _is_skipped(raw) or len(cells) != len(header):
             return None
@@ -134,21 +141,20 @@ def blame(
             continue
         missing_text = missing_field(raw)
         if missing_text:
-            last = index
-            while last + 1 < len(lines) and missing_field(lines[last + 1]):
-                last += 1
-            further_lines, rows_to_mend = "", "the row"
-            if last > index:
-                further_lines, rows_to_mend = f", and so on to line {line + last}", "these rows"
-            return TrajectoryError(
-                f"{path}: line {line + index}{missing_text}{further_lines}. Samples must be finite: fill or remove "
-                f"{rows_to_mend}."
-            )
-        fault = _bytes_fault(raw) or _shape_fault(raw, header, dialect)
-        if not fault:
+            last_index = index  # of the lines below that lack a number too
+            while last_index + 1 < len(lines) and missing_field(lines[last_index + 1]):
+                last_index += 1
+            end = ". Samples must be finite: fill or remove the row."
+            if last_index > index:
+                end = f", and so on to line {line + last_index}. Samples must be finite: fill or remove these rows."
+            return TrajectoryError(f"{path}: line {line + index}{missing_text}{end}")
+        fault = _bytes_fault(raw)
+        if fault is None:
+            fault = _shape_fault(raw, header, dialect)
+        if fault is None:
             cells = dialect.cells(raw)
             fault = _number_fault([cells[k] for k in used], names, decimal_comma=decimal_comma)
-        if fault:
+        if fault is not None:
             return TrajectoryError(f"{path}: line {line + index}{fault}")
     return TrajectoryError(f"{path}: rows that cannot be read as numbers. Save it as plain CSV.")
 
@@ -169,7 +175,7 @@ def _missing_field(fields: Sequence[str], names: Sequence[str], *, decimal_comma
         else:
             return None
         if is_missing and first_text is None:
-            first_text = f", column {name!r} is {field[:40]!r}"
+            first_text = f", column {name!r} is {field[:_MAX_QUOTED_CELL]!r}"
     return first_text
 
 
@@ -178,7 +184,8 @@ def _bytes_fault(raw: str) -> str | None:
     if "\ufffd" in raw:  # the replacement of bytes that are not UTF-8
         return f" is not UTF-8 text: {_clip(raw)}. Save it as CSV in UTF-8."
     for character in raw:
-        if (character < " " and character != "\t") or character == "\x7f":
+        is_control = character < " " or character == "\x7f"
+        if is_control and character != "\t":
             return (
                 f" has a control character, {character!r}: {_clip(raw)}. The file may be damaged or binary; write the row "
                 "again."
@@ -187,7 +194,7 @@ def _bytes_fault(raw: str) -> str | None:
 
 
 def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | None:
-    """Text on a line whose cells are not those of the header; None for other lines."""
+    """Text on a line with another number of cells than the header, or with an open quote; None for other lines."""
     fields = dialect.cells(raw)
     if raw.count('"') % 2:
         return f" has a quote that never ends: {_clip(raw)}. Remove the quote."
@@ -198,7 +205,7 @@ def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | Non
     counts = f" has {len(fields)} values, and the header names {len(header)} columns: {_clip(raw)}."
     if len(fields) < len(header):
         return f"{counts} The row is cut short; complete or remove it."
-    seems_decimal_comma = dialect.separator == "," and len(fields) >= 2 * len(header) - 1
+    seems_decimal_comma = dialect.separator == "," and len(fields) >= 2 * len(header) - 1  # two cells for each number
     if seems_decimal_comma:
         return (
             f"{counts} If commas are decimal marks here, separate values by semicolons, or write decimals with a point "
@@ -213,7 +220,7 @@ def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma:
         if is_number(field, decimal_comma=decimal_comma) or field.lower().lstrip("+-") in _MISSING_NUMBERS:
             continue
         column = f", column {name!r}"
-        quoted_field = repr(field[:40])
+        quoted_field = repr(field[:_MAX_QUOTED_CELL])
         if "_" in field:
             return f"{column} is {quoted_field}. Numbers are written without underscores."
         if decimal_comma and "." in field:
@@ -228,15 +235,16 @@ def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma:
 
 
 def _clip(raw: str) -> str:
-    """Line in quotes, cut after 57 characters if it is longer than 60."""
-    if len(raw) > 60:
-        raw = raw[:57] + "…"
+    """Line in quotes; a long line is cut, with an ellipsis."""
+    if len(raw) > _MAX_QUOTED_LENGTH:
+        raw = raw[: _MAX_QUOTED_LENGTH - 3] + "…"
     return repr(raw)
 
 
 _CONTROL_CHARACTERS = bytes(code for code in range(32) if code not in (9, 10)) + b"\x7f"
-"""Control characters of ASCII but tabs and newlines."""
+"""Control characters of ASCII, except tabs and newlines."""
 _COMMENTS = re.compile(rb"^[ \t]*(#[^\n]*)?$", re.MULTILINE)
+"""Comments and blanks that fill a line."""
 
 
 def parse_block(text: bytes, dialect: Dialect, column_count: int, used: Sequence[int]) -> Array | None:
@@ -245,7 +253,7 @@ def parse_block(text: bytes, dialect: Dialect, column_count: int, used: Sequence
     Blank lines and lines that begin with # are skipped. Returns None if a line has another number of cells, or a used
     cell is not a finite number.
     """
-    if text.translate(None, _CONTROL_CHARACTERS) != text:
+    if text.translate(None, _CONTROL_CHARACTERS) != text:  # some were removed
         return None
     if b"#" in text:
         text = _COMMENTS.sub(b"", text)
@@ -274,6 +282,7 @@ def normalise_newlines(text: bytes) -> bytes:
 
 
 def _parse_with_numpy(text: bytes, dialect: Dialect, column_count: int, used: Sequence[int]) -> Array | None:
+    """Parse by NumPy's reader, as :func:`parse_block`; None if it cannot read the text, or might read it otherwise."""
     if not text.strip():
         return np.zeros((0, len(used)))
     uses_all_columns = len(used) == column_count
@@ -302,10 +311,13 @@ def _has_equal_lines(text: bytes, dialect: Dialect, column_count: int) -> bool:
         return all(len(line.split()) in (0, column_count) for line in text.split(b"\n"))
     characters = np.frombuffer(text, np.uint8)
     is_newline = characters == ord("\n")
-    line_starts = np.r_[0, np.flatnonzero(is_newline) + 1][:-1]
-    separator_counts = np.add.reduceat(characters == ord(dialect.separator), line_starts, dtype=np.int64)
+    after_newlines = np.flatnonzero(is_newline) + 1
+    line_starts = np.r_[0, after_newlines][:-1]  # no line starts after the last newline
+    is_separator = characters == ord(dialect.separator)
+    separator_counts = np.add.reduceat(is_separator, line_starts, dtype=np.int64)
     is_blank = is_newline[line_starts]
-    return bool(((separator_counts == column_count - 1) | is_blank).all())
+    has_all_cells = separator_counts == column_count - 1
+    return bool((has_all_cells | is_blank).all())
 
 
 def _parse_cells(text: bytes, dialect: Dialect, column_count: int, used: Sequence[int]) -> Array | None:
@@ -346,7 +358,7 @@ class EmptyTableError(TrajectoryError):
 
 @contextmanager
 def table_errors(path: str | Path, what: str, form: str) -> Iterator[None]:
-    """Convert errors of a table of ``what`` in a ``form`` to NotFoundError or ValueRangeError."""
+    """Convert errors of a CSV file to NotFoundError or ValueRangeError; ``what`` and ``form`` are its content, for messages."""
     try:
         yield
     except NotFoundError:
@@ -369,7 +381,7 @@ class CsvFile:
     """Offset of the first row [bytes]."""
     dialect: Dialect
     seems_cut: bool = False
-    """True if the last line lacks a line end and its number has fewer decimals than those above: 0.5 below 0.123."""
+    """True if the last line lacks a line end, and its last number has fewer decimals than the lines above."""
 
     @classmethod
     def open(cls, path: str | Path | FileEnds) -> CsvFile:
@@ -396,10 +408,12 @@ class CsvFile:
             if len(names) == len(header) and not any(map(_is_any_number, names)):
                 header = names
                 header_line = comment
-        if row is not None and any(_ROS_NAME.fullmatch(cell) for cell in header):
+        has_ros_names = any(_ROS_NAME.fullmatch(cell) for cell in header)
+        if row is not None and has_ros_names:
             with source.open() as file:
                 file.seek(header_line.end_offset)
-                header = _ros_header(header, _first_rows(file, dialect, len(header)), source.path)
+                rows = _first_rows(file, dialect, len(header))
+            header = _ros_header(header, rows, source.path)
         return cls(source, tuple(header), header_line.number, header_line.end_offset, dialect, seems_cut)
 
     @property
@@ -427,7 +441,7 @@ class CsvFile:
         return table_of(self._portions(used), len(used), self.path)
 
     def first(self, column: int) -> Array:
-        """First numbers of a column, one block."""
+        """Numbers of a column in the first block of the file."""
         no_rows = np.zeros((0, 1))
         portion = next(self._portions([column]), no_rows)
         return portion[:, 0]
@@ -454,18 +468,18 @@ class CsvFile:
         return tuple(k for k, cells in enumerate(columns) if all(map(_is_word, cells)))
 
     def place(self, row: int) -> str:
-        """Description of a row's place, ``line 12``."""
+        """Place of a row, by its index in the table, as ``line 12``."""
+        row_count = 0  # of the rows read before
         line = self.header_line
-        rows_above = row
         with self.source.open() as file:
             file.seek(self.data_offset)
             for raw in file:
                 line += 1
                 if not _is_row(raw):
                     continue
-                if rows_above == 0:
+                if row_count == row:
                     break
-                rows_above -= 1
+                row_count += 1
         return f"line {line}"
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
@@ -478,7 +492,8 @@ class CsvFile:
             text = file.read(_MAX_LINE_SIZE + 1)
         if len(text) > _MAX_LINE_SIZE:
             raise TrajectoryError(f"{self.path}: has more than {_MAX_LINE_SIZE} bytes, too many for such a table.")
-        for line, raw in enumerate(normalise_newlines(text).split(b"\n"), self.header_line + 1):
+        lines = normalise_newlines(text).split(b"\n")
+        for line, raw in enumerate(lines, self.header_line + 1):
             if _is_row(raw):
                 cells = self.dialect.cells(_decode(raw, self.path, line))
                 if len(cells) != len(self.header):
@@ -487,8 +502,10 @@ class CsvFile:
 
 
 def _is_word(cell: str) -> bool:
-    """True if a cell is blank or a word, and not a number that is missing or written otherwise."""
-    return not cell or (cell[0].isalpha() and cell.lower() not in _MISSING_NUMBERS)
+    """True if a cell is blank or a word, except the words for a missing number."""
+    if not cell:
+        return True
+    return cell[0].isalpha() and cell.lower() not in _MISSING_NUMBERS
 
 
 def _is_any_number(cell: str) -> bool:
@@ -533,7 +550,7 @@ def _rows(file: BinaryIO) -> Iterator[str]:
 
 
 def _first_rows(file: BinaryIO, dialect: Dialect, column_count: int) -> list[list[str]]:
-    """Cells of the first lines that have as many as there are columns."""
+    """Cells of the first rows; rows with another number of cells than ``column_count`` are left out."""
     rows = map(dialect.cells, islice(_rows(file), _MAX_ROWS_READ))
     return [cells for cells in rows if len(cells) == column_count]
 
@@ -553,11 +570,13 @@ def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str
         match = _ROS_NAME.fullmatch(cell)
         if match is None or not rows:
             continue
-        joint_by_number[match[1]] = rows[0][k]
-        for row, other_cells in enumerate(rows):
-            if other_cells[k] and other_cells[k] != rows[0][k]:
+        joint_names = [row[k] for row in rows]
+        first_name = joint_names[0]
+        joint_by_number[match[1]] = first_name
+        for row, name in enumerate(joint_names, start=1):
+            if name and name != first_name:
                 raise TrajectoryError(
-                    f"{path}: row {row + 1} names a joint {other_cells[k]!r} where the first row names another, so that "
+                    f"{path}: row {row} names a joint {name!r} where the first row names another, so that "
                     "several programs wrote joint states here. Record one of them: rostopic echo -p --filter."
                 )
     header = []
@@ -574,14 +593,15 @@ def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str
 
 
 def _seems_cut(end: bytes, dialect: Dialect) -> bool:
-    """True if the last bytes of a file end in a number with fewer decimals than those above."""
-    lines = end.decode("utf-8", "replace").split("\n")[1:]  # the first one may be incomplete
+    """True if a file, of which ``end`` are the last bytes, ends in a number with fewer decimals than the lines above."""
+    _, *lines = end.decode("utf-8", "replace").split("\n")  # the first one may be incomplete
     if len(lines) <= _MIN_LINES_ABOVE or not lines[-1].strip():
         return False
     decimal_counts = []
     for line in lines[-_MIN_LINES_ABOVE - 1 :]:
         if line.strip():
-            last_cell = (dialect.cells(line) or [""])[-1]
+            cells = dialect.cells(line)
+            last_cell = cells[-1] if cells else ""
             _, mark, decimals = last_cell.replace(",", ".").rpartition(".")
             decimal_counts.append(len(decimals) if mark else 0)
     *counts_above, last_count = decimal_counts
@@ -622,4 +642,5 @@ def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
 
 
 def _long_line(path: Path) -> TrajectoryError:
+    """Error for a line that is longer than the largest line."""
     return TrajectoryError(f"{path}: a line of more than {_MAX_LINE_SIZE} bytes. Rows must end in newlines.")

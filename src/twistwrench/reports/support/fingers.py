@@ -1,4 +1,4 @@
-"""Drives of a gripper's fingers, which a grip force loads in a way that no file describes."""
+"""Drives of a gripper's fingers. A grip force loads them, but no file describes how."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ...mechanics.model.model import BASE, Model
 
 @dataclass(frozen=True)
 class FingerDrives:
-    """Drives of fingers with effort limits, which no wrench of the user loads."""
+    """Drives of fingers that have effort limits, and that no wrench of the user loads."""
 
     joints: tuple[str, ...] = ()
     """Names of the joints."""
@@ -32,13 +32,11 @@ class FingerDrives:
         limits: set[str] = set()
         for effort, turning in zip(self.efforts, self.turning, strict=True):
             limits.add(f"{number(effort)} {unit_of('tau', turning)}")
-        noun, verb = "drives", "are"
+        drives = f"{listed(self.joints)} ({', '.join(sorted(limits))})"
+        clause = f"not judged for the grip force of {number(force)} N"
         if len(self.joints) == 1:
-            noun, verb = "drive", "is"
-        return (
-            f"the {noun} of {listed(self.joints)} ({', '.join(sorted(limits))}) {verb} not "
-            f"judged for the grip force of {number(force)} N"
-        )
+            return f"the drive of {drives} is {clause}"
+        return f"the drives of {drives} are {clause}"
 
     def are_weaker(self, force: float) -> bool:
         """True if a sliding finger's drive gives less than a grip force [N]."""
@@ -52,15 +50,17 @@ NO_FINGERS = FingerDrives()
 
 
 def finger_drives(model: Model, frame: str, efforts: Array, pushed: Iterable[str]) -> FingerDrives:
-    """Drives of the joints beyond the body of a gripping frame, or beside that body if it is a finger itself.
+    """Drives of a gripper's fingers with effort limits; see :func:`_finger_bodies` for the fingers of a frame.
 
-    ``efforts`` (nv,) are the limits of the drives. Fingers with one of the ``pushed`` frames are left out, since the
-    wrench there loads them.
+    ``efforts`` (nv,) are the limits of the drives. ``pushed`` are the frames of given wrenches; fingers that carry one of them
+    are left out, since the wrench loads their drives.
     """
     loaded_bodies: set[int] = set()
     for name in pushed:
         loaded_bodies.update(model.ancestors(model.frame(name).body))
-    joints, limits, turning = [], [], []
+    joints = []
+    limits = []
+    turning = []
     for i in _finger_bodies(model, model.frame(frame).body):
         body = model.bodies[i]
         if body.joint.nv != 1 or i in loaded_bodies:
@@ -74,13 +74,16 @@ def finger_drives(model: Model, frame: str, efforts: Array, pushed: Iterable[str
 
 
 def _finger_bodies(model: Model, palm: int) -> list[int]:
-    """Moving bodies beyond the palm. If there are none, the palm itself is a finger: it and the bodies beside it."""
-    moving = [i for i, body in enumerate(model.bodies) if body.joint.moves_body]
-    beyond = [i for i in moving if i != palm and palm in model.ancestors(i)]
-    if beyond or palm == BASE:
-        return beyond
+    """Indices of the moving bodies beyond the palm, the body of the gripping frame.
+
+    If there are none, the palm itself is a finger: then the fingers are the palm and its siblings.
+    """
+    moving_bodies = [i for i, body in enumerate(model.bodies) if body.joint.moves_body]
+    bodies_beyond = [i for i in moving_bodies if i != palm and palm in model.ancestors(i)]
+    if bodies_beyond or palm == BASE:
+        return bodies_beyond
     parent = model.bodies[palm].parent
-    siblings = [i for i in moving if model.bodies[i].parent == parent]  # the palm among them
+    siblings = [i for i in moving_bodies if model.bodies[i].parent == parent]  # the palm is one of them
     if parent == BASE or len(siblings) == 1:
         return []
     return siblings

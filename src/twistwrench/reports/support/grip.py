@@ -32,6 +32,7 @@ HolderGiven: TypeAlias = "str | Mapping[str, Any]"
 Kind = Literal["grip", "cup"]
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+"""Directions in which two fingers face each other, in the frame of the grip."""
 _DEFAULT_WIDTH = 0.05
 """Distance of the fingers [m]."""
 _DEFAULT_PAD = (0.02, 0.02)
@@ -40,10 +41,14 @@ _DEFAULT_RADIUS = 0.02
 """Radius of a cup [m]."""
 _RING_POINTS = 8
 """Number of contact points that stand for a cup's ring."""
+_MILLIMETRES = 1000  # per metre
+_MAX_SHIFT_OF_PAYLOAD = 1e-6
+"""Largest change of an entry of the payload's pose (4, 4) in the frame that holds it; rounding errors are below it."""
 _ENTRY_NAMES: dict[Kind, tuple[str, ...]] = {
     "grip": ("force", "friction", "frame", "axis", "width", "pad"),
     "cup": ("force", "friction", "frame", "radius"),
 }
+"""Names of the entries of a mapping that describes a holder."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +63,11 @@ class Holder:
     contacts: tuple[Contact, ...]
     """Contacts in the frame, with normals into the payload."""
     assumed: str = ""
-    """Words on dimensions that were assumed since they were not given; empty if none were."""
+    """Text of dimensions that were assumed, since they are not given; empty if all are given."""
 
     @classmethod
     def from_given(cls, kind: Kind, given: HolderGiven, load: LoadCase) -> Holder:
-        """Holder as a user gives it; the frame is that of the payload if none is given."""
+        """Holder from the text or mapping of a user; without a frame, it is at the frame of the payload."""
         payload = _payload(kind, load)
         entries = _holder_entries(kind, given)
         frame = str(entries.get("frame") or payload.frame or load.robot.model.tip)
@@ -75,7 +80,7 @@ class Holder:
         if kind == "cup":
             radius = positive(entries.get("radius", _DEFAULT_RADIUS), "the radius of a cup", "m")
             if "radius" not in entries:
-                assumed = f"a cup of {number(2000 * radius)} mm"
+                assumed = f"a cup of {number(2 * _MILLIMETRES * radius)} mm"  # diameter
             return cls(kind, force, frame, _cup(force, friction, radius), assumed)
         axis = str(entries.get("axis", "y"))
         if axis not in _AXES:
@@ -83,13 +88,14 @@ class Holder:
         width = positive(entries.get("width", _DEFAULT_WIDTH), "the width of a grip", "m")
         pad = entries.get("pad", _DEFAULT_PAD)
         if "pad" not in entries or "width" not in entries:
-            assumed = f"pads of {number(1000 * pad[0])} x {number(1000 * pad[1])} mm"
+            length, height = number(_MILLIMETRES * pad[0]), number(_MILLIMETRES * pad[1])
+            assumed = f"pads of {length} x {height} mm"
         contacts = _fingers(force, friction, np.array(_AXES[axis]), width, pad)
         return cls(kind, force, frame, contacts, assumed)
 
 
 def _payload(kind: Kind, load: LoadCase) -> Payload:
-    """Single payload of a load case; raises ValueRangeError if there is none with a mass, or several."""
+    """Payload of a load case; raises ValueRangeError unless there is exactly one, with a mass."""
     if len(load.payloads) != 1 or not load.payloads[0].mass:
         raise ValueRangeError(
             f"{{0}} holds the payload, and there are {len(load.payloads)}. Give one, {{1}}.",
@@ -100,8 +106,8 @@ def _payload(kind: Kind, load: LoadCase) -> Payload:
 
 
 def _expected_text(kind: Kind) -> str:
-    """Form of the text that describes a holder, with an example."""
-    example = "60,0.5@tool0" if kind == "grip" else "80,0.5@tool0"
+    """Form of the text that describes a holder, with an example, for messages."""
+    example = {"grip": "60,0.5@tool0", "cup": "80,0.5@tool0"}[kind]
     return f"FORCE,FRICTION[@FRAME] in N, for example {example}"
 
 
@@ -121,19 +127,21 @@ def _holder_entries(kind: Kind, given: HolderGiven) -> dict[str, Any]:
 
 
 def _fingers(force: float, friction: float, axis: Array, width: float, pad: Any) -> tuple[Contact, ...]:
-    """Contacts of two pads with the sides of ``pad`` [m] that face each other along an axis at the distance ``width``."""
-    signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    corners = 0.5 * (signs * [pad[0], pad[1]]) @ tangents(axis)
+    """Contacts of two pads that face each other along an axis; ``pad`` has two sides [m], ``width`` is their distance [m]."""
+    signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])  # of the four corners
+    corners = 0.5 * (signs * [pad[0], pad[1]]) @ tangents(axis)  # about the middle of a pad
     contacts: list[Contact] = []
     for side in (-1.0, 1.0):
-        contacts += patch(None, corners - side * 0.5 * width * axis, side * axis, friction, push=force)
+        pad_corners = corners - side * 0.5 * width * axis
+        contacts += patch(None, pad_corners, side * axis, friction, push=force)
     return tuple(contacts)
 
 
 def _cup(force: float, friction: float, radius: float) -> tuple[Contact, ...]:
     """Contacts of a ring in the plane z = 0 that pushes along z of the frame, and pulls by its vacuum."""
     angles = 2 * np.pi * np.arange(_RING_POINTS) / _RING_POINTS
-    ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(_RING_POINTS)], axis=1)
+    directions = np.stack([np.cos(angles), np.sin(angles), np.zeros(_RING_POINTS)], axis=1)
+    ring = radius * directions
     return patch(None, ring, (0.0, 0.0, 1.0), friction, pull=force)
 
 
@@ -149,7 +157,7 @@ class GripSupport:
     time: Array
     """(n,): times of the motion [s]."""
     needed: Array
-    """(n,): least force of the holder that would hold the payload [N]; inf if none would."""
+    """(n,): needed force, the least force of the holder that would hold the payload [N]; inf if none would."""
     mass: float
     """Mass of the payload [kg]."""
     fingers: FingerDrives = NO_FINGERS
@@ -158,23 +166,23 @@ class GripSupport:
     @property
     def verdict(self) -> Verdict:
         """OVER LIMIT if the payload slips or comes off, with the force that it needs."""
-        over, unsure = [], []
-        fails = self.support.decided & ~self.support.holds
-        if fails.any():
-            over.append(self._failure(fails))
+        over_reasons, unsure_reasons = [], []
+        is_failure = self.support.decided & ~self.support.holds
+        if is_failure.any():
+            over_reasons.append(self._failure(is_failure))
         undecided_count = int((~self.support.decided).sum())
         if undecided_count:
-            unsure.append(f"rounding prevents an answer on the grip at {undecided_count} instants")
+            unsure_reasons.append(f"rounding prevents an answer on the grip at {undecided_count} instants")
         if self.fingers.are_weaker(self.holder.force):
             limits = spell(Argument("limits", "limits.csv"))
-            unsure.append(
+            unsure_reasons.append(
                 f"{self._finger_remark}, which is above the limit of a sliding finger. Give less, or its limit by {limits}"
             )
-        return Verdict.from_reasons(over=over, unsure=unsure)
+        return Verdict.from_reasons(over=over_reasons, unsure=unsure_reasons)
 
-    def _failure(self, fails: Array) -> str:
-        """Sentence on the instant with the largest needed force, among those (n,) that fail."""
-        k = int(np.where(fails, self.needed, -1.0).argmax())
+    def _failure(self, is_failure: Array) -> str:
+        """Sentence on the failure with the largest needed force; ``is_failure`` is a mask (n,) of instants."""
+        k = int(np.where(is_failure, self.needed, -1.0).argmax())
         needed_force = self.needed[k]
         if self.holder.kind == "grip":
             failure = "slips in the grip"
@@ -199,7 +207,7 @@ class GripSupport:
 
     @property
     def line(self) -> str:
-        """Sentence on a payload that is held: the force it needs, and how much faster or heavier it still is held."""
+        """Sentence on a payload that is held: needed force, and the largest speed and further mass that are held."""
         needed_force = float(self.needed.max(initial=0.0))
         speed = float(self.support.speed.min(initial=math.inf))
         further_mass = float(self.support.payload.min(initial=math.inf))
@@ -219,7 +227,7 @@ class GripSupport:
 
     def table(self) -> Table:
         """Table of the forces that the payload needs."""
-        k = int(np.where(np.isfinite(self.needed), self.needed, -1.0).argmax())
+        k = int(np.where(np.isfinite(self.needed), self.needed, -1.0).argmax())  # of the largest finite force
         return Table(
             "Grip",
             words("holder", [self.holder.kind]),
@@ -239,8 +247,10 @@ def _rounded_up(force: float) -> str:
     """Force with three digits, rounded up."""
     if force <= 0:
         return number(0.0)
-    unit = 10.0 ** (math.floor(math.log10(force)) - 2)  # of the third digit
-    return number(math.ceil(force / unit * (1 - 1e-9)) * unit, 3)  # not up by a rounding error
+    exponent = math.floor(math.log10(force))
+    unit = 10.0 ** (exponent - 2)  # of the third digit
+    units = math.ceil(force / unit * (1 - 1e-9))  # not up by a rounding error
+    return number(units * unit, 3)
 
 
 def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array) -> GripSupport:
@@ -249,10 +259,12 @@ def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array)
     ``efforts`` (nv,) are the limits of the drives, fingers among them.
     """
     payload = _payload(holder.kind, load)
-    robot, frame = load.robot, holder.frame
+    robot = load.robot
+    frame = holder.frame
     payload_frame = payload.frame or str(robot.model.tip)
     T_sf = np.asarray(robot.forward_kinematics(motion.q, frame))
-    T_fp = se3.inverse(T_sf) @ np.asarray(robot.forward_kinematics(motion.q, payload_frame))
+    T_sp = np.asarray(robot.forward_kinematics(motion.q, payload_frame))
+    T_fp = se3.inverse(T_sf) @ T_sp
     if np.abs(T_fp - T_fp[0]).max(initial=0.0) > _MAX_SHIFT_OF_PAYLOAD:
         raise ValueRangeError(
             f"{{0}}: the payload is at {payload_frame!r}, which moves against {frame!r}. Hold it at a frame that is fixed to "
@@ -269,12 +281,8 @@ def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array)
     return GripSupport(support, holder, motion.time, needed, payload.mass, fingers)
 
 
-_MAX_SHIFT_OF_PAYLOAD = 1e-6
-"""Largest change of the payload's pose in the frame that holds it, an entry of its matrix: that of rounding errors."""
-
-
 def _payload_wrenches(G: Array, robot: Any, motion: Motion, frame: str) -> tuple[Array, Array]:
-    """Wrenches (n, 6) of weight and inertia on a payload, and those of its weight alone, in the axes of a frame.
+    """Wrenches (n, 6) on a payload in the axes of a frame: of weight and inertia, and of weight alone.
 
     They are G (0, g) - G A + ad(V)' G V and G (0, g).
     """

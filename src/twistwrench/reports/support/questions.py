@@ -70,12 +70,13 @@ class SupportQuestion:
     @property
     def has_foundation(self) -> bool:
         """True if the robot is mounted on a foundation."""
-        return self.mounting not in (None, False) or self.bolts is not None
+        is_mounted = self.mounting is not None and self.mounting is not False
+        return is_mounted or self.bolts is not None
 
     def robot_of(self, robot: Robot, motion: Any, named: str, reading: Mapping[str, Any]) -> Robot:
-        """Robot as its motion needs it: with its base held if it is mounted, or if the motion has the joints alone.
+        """Robot for a motion: its base is held if the robot is mounted, or if the motion has only the joints.
 
-        ``named`` is the file or name of the robot, and ``reading`` the options for reading the file of the motion.
+        ``named`` is the file or name of the robot, and ``reading`` are the options for reading the motion's file.
         """
         ground = self.ground
         if ground is not None and self.has_foundation:
@@ -97,12 +98,13 @@ class SupportQuestion:
         if ground is None or not isinstance(motion, str | Path):
             return robot
         path = bundled_file(str(motion), named, ".csv", "motion")
-        return robot_of_log(robot, open_motion_file(path, reading["topic"], reading["episode"]), reading["columns"])
+        file = open_motion_file(path, reading["topic"], reading["episode"])
+        return robot_of_log(robot, file, reading["columns"])
 
     def motion_of(self, robot: Robot, motion: Any, at: ConfigurationGiven, *, degrees: bool) -> Any:
-        """Motion as given; without one, an instant at rest ``at`` a configuration.
+        """Given motion, or a log of one instant at rest ``at`` a configuration if no motion is given.
 
-        By default, the configuration is neutral within the position limits.
+        The default configuration is neutral, moved within the position limits.
         """
         if motion is not None:
             if at is None:
@@ -112,9 +114,12 @@ class SupportQuestion:
             )
         if at is None and self.ground is None:
             beginning = "Missing MOTION:" if in_the_shell() else "no motion is given. Give"
+            example: dict[str, int] = {}
+            if robot.nv:
+                example = {robot.model.velocity_names[-1]: 0}
             raise ValueRangeError(
                 f"{beginning} a log or plan, or 'demo'. Or give a configuration at rest, {{0}}.",
-                Argument("at", {robot.model.velocity_names[-1]: 0} if robot.nv else {}),
+                Argument("at", example),
             )
         q = configuration_of(robot, at, degrees=degrees)
         if at is not None:
@@ -127,10 +132,11 @@ class SupportQuestion:
         form = "JOINT=VALUE" if in_the_shell() else "{joint: position}"
         option = spell(Argument("at", Placeholder(form)))
         note = f"At rest with each joint at zero, or at the nearest limit. Another configuration: {option}."
-        return replace(log, columns=replace(log.columns, notes=(*log.columns.notes, note)))
+        columns = replace(log.columns, notes=(*log.columns.notes, note))
+        return replace(log, columns=columns)
 
     def case(self, robot: Robot, log: MotionLog, loads: Mapping[str, Any]) -> tuple[LoadCase, MotionLog]:
-        """Load case of a robot that is held as given, and its log."""
+        """Load case of the robot, standing if it is on the ground, and its log; the log of a standing robot has its base."""
         load: LoadCase
         if self.ground is None:
             load = LoadCase(robot, **loads)
@@ -140,7 +146,7 @@ class SupportQuestion:
         return load, log
 
     def _holder(self, load: LoadCase) -> Holder | None:
-        """Gripper or suction cups that hold the payload; None without any."""
+        """Holder of the payload; None without one."""
         if self.grip is not None:
             return Holder.from_given("grip", self.grip, load)
         if self.cup is not None:
@@ -151,8 +157,8 @@ class SupportQuestion:
         """Parts of the report on ground, mounting and grip."""
         load = report.load
         holder = self._holder(load)
-        is_on_ground = isinstance(load, StandingCase)
-        if holder is None and not self.has_foundation and not is_on_ground:
+        is_standing = isinstance(load, StandingCase)
+        if holder is None and not self.has_foundation and not is_standing:
             return SupportAnswers()
         motion = report.motion
         support = None
@@ -172,11 +178,12 @@ class SupportQuestion:
 def _log_at_rest(robot: Robot, q: Array) -> MotionLog:
     """Log of one instant at rest."""
     zeros = np.zeros((1, robot.nv))
-    return MotionLog.from_motion(Motion(np.zeros(1), q[None], zeros, zeros, robot=robot, in_seconds=True))
+    motion = Motion(np.zeros(1), q[None], zeros, zeros, robot=robot, in_seconds=True)
+    return MotionLog.from_motion(motion)
 
 
 def with_limits(load: LoadCase, limits: Limits) -> LoadCase:
-    """Load case whose contact forces keep the torque limits where they can."""
+    """Load case in which the contact forces of a standing robot respect the torque limits, if they can."""
     if isinstance(load, StandingCase):
         return replace(load, effort=limits.effort)
     return load

@@ -25,23 +25,22 @@ CONTACT = "contact"
 
 @dataclass(frozen=True, eq=False)
 class StandingCase(LoadCase):
-    """Load case of a robot on the ground. A free base needs no torque; where no forces balance, contacts stick."""
+    """Load case of a robot on the ground. A free base needs no torque; contacts stick if no forces balance."""
 
     ground: Ground = field(kw_only=True)
     """Contacts with the ground, and the rule by which they carry."""
     effort: Array | None = None
-    """(nv,): torque limits. If the torques of the least forces exceed them, other forces are chosen whose torques do not, or
-    exceed them least."""
+    """(nv,): torque limits. If the forces of least norm exceed them, other forces are chosen that exceed them least."""
 
     @property
     def causes(self) -> tuple[str, ...]:
-        """Causes of a torque, in order."""
-        *without_friction, friction = TERMS
-        return (*without_friction, CONTACT, friction)
+        """Causes of a torque, in order: friction is the last, since it depends on the contact forces."""
+        *other_terms, friction = TERMS
+        return (*other_terms, CONTACT, friction)
 
     @property
     def fixed_words(self) -> str:
-        """Reason why torques of other payloads are not known from those of this one, so that a page has no slider for them."""
+        """Reason why a page has no slider for the payload."""
         return "contact forces change with the load"
 
     @property
@@ -52,21 +51,23 @@ class StandingCase(LoadCase):
         return self.payloads[0].mass
 
     def wrenches_on(self, s: MotionSamples) -> dict[str, Array] | None:
-        """Given wrenches (n, 6) by frame, without those of contacts; None without any."""
+        """Given wrenches (n, 6) by frame, without contact forces; None if no wrench is given."""
         return super()._wrenches(s)
 
     def torques_in_the_air(self, s: MotionSamples) -> Array:
         """Inverse dynamics (n, nv) with payloads and wrenches, without contacts and friction."""
-        return np.asarray(self.with_load.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches_on(s)))
+        wrenches = self.wrenches_on(s)
+        return np.asarray(self.with_load.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=wrenches))
 
     def contact(self, s: MotionSamples, robot: Robot | None = None) -> tuple[ContactForces, Array]:
         """Forces of the contacts on a robot, and a mask (n, c) of the contacts that carry.
 
-        The default is the robot with its payloads, under the given wrenches; another robot is under no wrenches.
+        The default robot is the one with its payloads, under the given wrenches. Another robot has no wrenches.
         """
         carrying = self.ground.carrying(self.robot, s)
         if robot is None:
-            robot, tau = self.with_load, self.torques_in_the_air(s)
+            robot = self.with_load
+            tau = self.torques_in_the_air(s)
         else:
             tau = np.asarray(robot.inverse_dynamics(s.q, s.dq, s.ddq))
         return self._forces(robot, s.q, tau, carrying), carrying
@@ -74,27 +75,28 @@ class StandingCase(LoadCase):
     def _forces(self, robot: Robot, q: Array, tau: Array, carrying: Array) -> ContactForces:
         """Contact forces that balance torques (n, nv) at the free base.
 
-        If no friction is given, some instants need more than the assumed friction, to balance or to keep the torque limits.
-        Their forces are those with unlimited friction.
+        If no friction is given, friction is assumed. Instants that need more friction, to balance or to keep the torque
+        limits, get the forces with unlimited friction.
         """
-        assumed = contact_forces(robot, q, tau, self.ground.contacts, carrying, self.effort)
+        assumed_forces = contact_forces(robot, q, tau, self.ground.contacts, carrying, self.effort)
         if self.ground.given:
-            return assumed
-        needs_friction = ~assumed.holds | self._exceed_limits(tau, assumed)
+            return assumed_forces
+        needs_friction = ~assumed_forces.holds | self._exceed_limits(tau, assumed_forces)
         rows = np.flatnonzero(needs_friction & carrying.any(axis=1))
         if not len(rows):
-            return assumed
+            return assumed_forces
         contacts = self.ground.unlimited_contacts
-        unlimited = contact_forces(robot, q[rows], tau[rows], contacts, carrying[rows], self.effort)
-        # Forces that balance stay if torques exceed their limits with unlimited friction as well.
-        stays = assumed.holds[rows] & self._exceed_limits(tau[rows], unlimited)
-        forces, holds = assumed.forces.copy(), assumed.holds.copy()
-        forces[rows[~stays]] = unlimited.forces[~stays]
-        holds[rows[~stays]] = unlimited.holds[~stays]
-        return ContactForces(forces, assumed.maps, holds)
+        unlimited_forces = contact_forces(robot, q[rows], tau[rows], contacts, carrying[rows], self.effort)
+        # Unlimited friction does not help where torques still exceed their limits; forces that balance stay there.
+        is_better = ~(assumed_forces.holds[rows] & self._exceed_limits(tau[rows], unlimited_forces))
+        forces = assumed_forces.forces.copy()
+        holds = assumed_forces.holds.copy()
+        forces[rows[is_better]] = unlimited_forces.forces[is_better]
+        holds[rows[is_better]] = unlimited_forces.holds[is_better]
+        return ContactForces(forces, assumed_forces.maps, holds)
 
     def _exceed_limits(self, tau: Array, contacts: ContactForces) -> Array:
-        """Mask (n,) of states whose drive torques, tau less those of the contact forces, exceed their limits."""
+        """Mask (n,) of states whose drive torques exceed their limits: tau minus the torques of the contact forces."""
         if self.effort is None:
             return np.zeros(len(tau), bool)
         limits = np.where(floating_entries(self.robot), np.inf, self.effort)
@@ -102,17 +104,19 @@ class StandingCase(LoadCase):
 
     def torques(self, s: MotionSamples) -> Array:
         """Inverse dynamics with payloads, wrenches, contact forces and friction; (n,) states → (n, nv)."""
-        return self._without_base(super().torques(s))  # it calls _wrenches, which include those of the contacts
+        tau = super().torques(s)  # with _wrenches, which include the contact forces
+        return self._without_base(tau)
 
     def unloaded_torques(self, s: MotionSamples) -> Array:
-        """Torques without payloads and wrenches, on the ground."""
+        """Torques (n, nv) on the ground without payloads and wrenches."""
         forces, _ = self.contact(s, self.robot)
-        tau = np.asarray(self.robot.inverse_dynamics(s.q, s.dq, s.ddq)) - _torques_of(forces)
+        torques_in_the_air = np.asarray(self.robot.inverse_dynamics(s.q, s.dq, s.ddq))
+        tau = torques_in_the_air - _torques_of(forces)
         return self._without_base(self._with_friction(s, tau))
 
     def terms(self, s: MotionSamples) -> dict[str, Array]:
         """Causes, (n, nv) each, in the order of :attr:`causes`; their sum is :meth:`torques`."""
-        terms = super().terms(s)  # its wrenches are the given ones, without those of the contacts
+        terms = super().terms(s)  # with the given wrenches only
         del terms["friction"]  # replaced below: friction depends on all other torques
         forces, _ = self.contact(s)
         terms[CONTACT] = -_torques_of(forces)
@@ -123,37 +127,39 @@ class StandingCase(LoadCase):
         return terms
 
     def mass_matrix(self, q: Array) -> Array:
-        """Drive torques per joint acceleration (..., nv, nv), less those of the contact forces that bear the free base.
+        """Drive torques per joint acceleration (..., nv, nv), minus the torques of the contact forces that bear the free base.
 
         Accelerations change the contact forces, in proportion: f = G_b⁺ M_b q̈, with the rows b of the free base.
         """
         M = np.asarray(super().mass_matrix(q))
-        rows = np.asarray(q, float).reshape(-1, q.shape[-1])
-        at_rest = np.zeros((len(rows), self.robot.nv))
-        states = MotionSamples(
-            time=at_rest[:, 0],
-            q=rows,
-            dq=at_rest,
-            ddq=at_rest,
-            measured=rows,
-            stationary=at_rest.astype(bool),
-            outlier=np.zeros((len(rows), 0)),
+        q_rows = np.asarray(q, float).reshape(-1, q.shape[-1])
+        n = len(q_rows)
+        zeros = np.zeros((n, self.robot.nv))
+        states_at_rest = MotionSamples(
+            time=zeros[:, 0],
+            q=q_rows,
+            dq=zeros,
+            ddq=zeros,
+            measured=q_rows,
+            stationary=zeros.astype(bool),
+            outlier=np.zeros((n, 0)),
         )
-        free = floating_entries(self.robot)
-        forces, carrying = self.contact(states)
+        b = floating_entries(self.robot)
+        forces, carrying = self.contact(states_at_rest)
         maps = forces.maps * carrying[:, None, :, None]  # (n, nv, c, 3), zero for contacts that do not carry
-        G = maps.reshape(len(rows), self.robot.nv, -1)  # torques of the contact forces f
+        G = maps.reshape(n, self.robot.nv, -1)  # torques of the contact forces f are G f
         M_in_the_air = np.asarray(M).reshape(-1, *M.shape[-2:])
-        borne = G @ np.linalg.pinv(G[:, free]) @ M_in_the_air[:, free]
-        return np.asarray((M_in_the_air - borne).reshape(M.shape))
+        M_of_contacts = G @ np.linalg.pinv(G[:, b]) @ M_in_the_air[:, b]
+        return np.asarray((M_in_the_air - M_of_contacts).reshape(M.shape))
 
     def explain(self, s: MotionSamples) -> Explanation:
         """Drive torques of one state by link and by term, with contact forces and friction."""
-        motion_of_one_row = MotionSamples(*[np.asarray(values)[None] for values in vars(s).values()])
+        motion_of_one_row = MotionSamples(**{name: np.asarray(values)[None] for name, values in vars(s).items()})
         forces, _ = self.contact(motion_of_one_row)
-        # Friction depends on the forces of the contacts, so it comes last.
+        (contact_torques,) = _torques_of(forces)
+        # Friction depends on the contact forces, so it comes last.
         explanation = replace(self, friction=False)._explanation_in_the_air(s)
-        explanation = explanation.with_term(CONTACT, -_torques_of(forces)[0])
+        explanation = explanation.with_term(CONTACT, -contact_torques)
         if not self.friction:
             return explanation
         return explanation.with_term("friction", self._friction(s, explanation.torque))
@@ -163,7 +169,7 @@ class StandingCase(LoadCase):
         return super().explain(s)
 
     def _wrenches(self, s: MotionSamples) -> dict[str, Array] | None:
-        """Given wrenches and those of the contacts (n, 6) by frame, in its axes."""
+        """Wrenches (n, 6) on the robot by frame, in its axes: the given wrenches plus the contact forces."""
         wrenches = dict(self.wrenches_on(s) or {})
         forces, _ = self.contact(s)
         for frame in self.ground.frames:
@@ -171,7 +177,8 @@ class StandingCase(LoadCase):
             R = T[:, :3, :3]
             wrench = np.zeros((len(s), 6))
             for k in self.ground.contacts_at(frame):
-                contact, f = self.ground.contacts[k], forces.forces[:, k]
+                contact = self.ground.contacts[k]
+                f = forces.forces[:, k]
                 lever = R @ contact.point - contact.radius * contact.normal  # a ball touches below its centre
                 moment = np.cross(lever, f)
                 wrench[:, :3] += np.einsum("nji,nj->ni", R, moment)

@@ -74,15 +74,16 @@ class _Differentiable:
         self.evaluate.defjvp(self.along, symbolic_zeros=True)
 
     def with_jacobian(self, by: tuple[str, ...]) -> Callable[..., Any]:
-        """Values and J with respect to some inputs, with their own derivatives."""
+        """Function that returns the values and J with respect to the inputs ``by``; it has derivatives too."""
         if by not in self._jacobians:
-            function = self.jax.custom_jvp(_device_function(self.jax, self.quantity.derivative(by, values=True)))
+            derivative = self.quantity.derivative(by, values=True)
+            function = self.jax.custom_jvp(_device_function(self.jax, derivative))
             function.defjvp(partial(self.along_again, by), symbolic_zeros=True)
             self._jacobians[by] = function
         return self._jacobians[by]
 
     def hessian(self, by: tuple[str, ...]) -> Callable[..., Any]:
-        """H with respect to some inputs."""
+        """Function that returns H with respect to the inputs ``by``."""
         if by not in self._hessians:
             self._hessians[by] = _device_function(self.jax, self.quantity.derivative(by, "hessian"))
         return self._hessians[by]
@@ -94,7 +95,7 @@ class _Differentiable:
         by = tuple(self.names[k] for k in moving_inputs)
         values_and_jacobians = self.with_jacobian(by)(*primals)
         jacobians = iter(values_and_jacobians[output_count:])  # by output, then by input
-        tangents_and_ranks = []
+        tangents_and_ranks = []  # B dx, or dx with its number of axes
         for k in moving_inputs:
             if self.velocities and self.names[k] in self.quantity.curved_inputs:
                 tangents_and_ranks.append((self.velocities(primals[k], tangents[k]), 1))
@@ -104,20 +105,26 @@ class _Differentiable:
         for port in self.outputs:
             change: Any = 0
             for tangent, rank in tangents_and_ranks:
-                change = change + _contract(self.jax.numpy, next(jacobians), tangent, rank, port.shape)
+                J = next(jacobians)
+                change = change + _contract(self.jax.numpy, J, tangent, rank, port.shape)
             changes.append(change)
-        return _single_or_tuple(values_and_jacobians[:output_count]), _single_or_tuple(tuple(changes))
+        values = values_and_jacobians[:output_count]
+        return _single_or_tuple(values), _single_or_tuple(tuple(changes))
 
     def along_again(
         self, by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]
     ) -> tuple[Any, tuple[Any, ...]]:
-        """Values and J with respect to some inputs, with df = J dx and dJ = H dx for the inputs with tangents."""
-        jax, jnp = self.jax, self.jax.numpy
-        quantity, names, outputs = self.quantity, self.names, self.outputs
+        """Values and J with respect to the inputs ``by``, and df = J dx and dJ = H dx for the inputs with tangents."""
+        jax = self.jax
+        jnp = jax.numpy
+        quantity = self.quantity
+        names = self.names
+        outputs = self.outputs
         moving_inputs = _inputs_with_tangents(jax, tangents)
-        requested = {*by, *(names[k] for k in moving_inputs)}
-        involved = tuple(name for name in names if name in requested)
-        if not compiles() or any(name in quantity.curved_inputs for name in involved):  # by JAX
+        moving_names = [names[k] for k in moving_inputs]
+        involved = tuple(name for name in names if name in by or name in moving_names)
+        are_curved = any(name in quantity.curved_inputs for name in involved)
+        if are_curved or not compiles():  # JAX differentiates
             program_function = _array_function(jnp, quantity.derivative(by, values=True).program)
             dense_tangents = list(tangents)
             for k, tangent in enumerate(tangents):
@@ -134,18 +141,23 @@ class _Differentiable:
         jacobians = self.with_jacobian(involved)(*primals)[len(outputs) :]
         results = self.with_jacobian(by)(*primals)
         hessians = _result_tuple(self.hessian(involved)(*primals))
-        changes, jacobian_changes = [], []
+        changes = []
+        jacobian_changes = []
         for index, (port, H) in enumerate(zip(outputs, hessians, strict=True)):
             first_jacobian = index * len(involved)
-            jacobian_by_input = dict(zip(involved, jacobians[first_jacobian:], strict=False))
+            end_jacobian = first_jacobian + len(involved)
+            jacobian_by_input = dict(zip(involved, jacobians[first_jacobian:end_jacobian], strict=True))
             change: Any = 0.0
             jacobian_change: Any = 0.0
             for k in moving_inputs:
-                name, tangent, rank = names[k], tangents[k], len(self.inputs[k].shape)
+                name = names[k]
+                tangent = tangents[k]
+                rank = len(self.inputs[k].shape)
                 change += _contract(jnp, jacobian_by_input[name], tangent, rank, port.shape)
                 batch = tangent.shape[: tangent.ndim - rank]
                 flat_tangent = tangent.reshape((*batch, self.inputs[k].size))
-                jacobian_change += _contract(jnp, H[..., columns[name]], flat_tangent, 1, (*port.shape, H.shape[-1]))
+                H_columns = H[..., columns[name]]
+                jacobian_change += _contract(jnp, H_columns, flat_tangent, 1, (*port.shape, H.shape[-1]))
             changes.append(change)
             jacobian_changes += [
                 jacobian_change[..., columns[name]].reshape(jacobian_by_input[name].shape) for name in by
@@ -163,6 +175,7 @@ def _device_function(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
 
     @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
     def run(*arrays: Any) -> Any:
+        """Results for arrays of any batch shape."""
         return _single_or_tuple(operation(*arrays))
 
     @run.def_vmap  # type: ignore[untyped-decorator]
@@ -192,10 +205,11 @@ def _inputs_with_tangents(jax: Any, tangents: Sequence[Any]) -> list[int]:
 
 
 def _array_function(jnp: Any, program: Program) -> Callable[..., Any]:
-    """Program on arrays whose last axes are those of its inputs."""
+    """Function that evaluates a program in operations on arrays, any batch axes first."""
     functions = functions_of(jnp, jnp.where)
 
     def run(*arrays: Any) -> Any:
+        """Results of the program, one array for each output."""
         batch = batch_shape(arrays, program)
         elements: list[Any] = []
         for array, port in zip(arrays, program.inputs, strict=True):
@@ -214,7 +228,7 @@ def _array_function(jnp: Any, program: Program) -> Callable[..., Any]:
 
 
 def _stack(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: TensorSpec, dtype: Any) -> Any:
-    """Stack the elements of one result, some of which may be constants."""
+    """Array of one result from its elements; an element may be a constant without batch axes."""
     if not elements:
         return jnp.zeros((*batch, *port.shape), dtype)
     full_elements = [jnp.broadcast_to(jnp.asarray(element, dtype), batch) for element in elements]
@@ -222,7 +236,7 @@ def _stack(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: Tens
 
 
 def _contract(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> Any:
-    """J v for a result of that shape: contracts the last ``rank`` axes of J with those of v; batch shapes broadcast."""
+    """J v (..., *shape): sum over the last ``rank`` axes of J and v; batch shapes broadcast."""
     first_axis = J.ndim - rank
     size = prod(J.shape[first_axis:])
     rows = J.reshape((*J.shape[:first_axis], size))
@@ -239,8 +253,10 @@ def _result_tuple(results: Any) -> tuple[Any, ...]:
 
 
 def _single_or_tuple(results: tuple[Any, ...]) -> Any:
-    """The result itself if there is only one."""
-    return results[0] if len(results) == 1 else results
+    """The result itself if there is only one, else the tuple."""
+    if len(results) == 1:
+        return results[0]
+    return results
 
 
 def _dtype(jax: Any, jnp: Any, precision: str) -> Any:

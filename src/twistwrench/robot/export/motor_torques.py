@@ -31,7 +31,8 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
     model = robot.model
     options = request.full
     option = spell(Argument("torque", "motor", option="torque-side"))
-    if request.quantity != "inverse_dynamics" or "derivative" in options or "parameters" in options:
+    is_varied = "derivative" in options or "parameters" in options
+    if request.quantity != "inverse_dynamics" or is_varied:
         raise KernelError(
             f"{option} applies to inverse_dynamics, not to {request.function.name}. Export {request.quantity} by itself."
         )
@@ -46,13 +47,15 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
             f"them: {remedy}."
         )
     gears = [(actuator.ratio, actuator.efficiency, actuator.no_load_torque) for actuator in model.actuators.values()]
-    ratio, efficiency, no_load_torque = np.array(gears, float)[np.argsort(driven)].T  # in the order of the velocities
+    by_velocity = np.argsort(driven)
+    ratio, efficiency, no_load_torque = np.array(gears, float)[by_velocity].T  # (nv,) each
     ports = inputs_of(model, "inverse_dynamics", options)
-    further_labels = [label for label, _ in ports[3:]]
+    other_labels = [label for label, _ in ports[3:]]  # of the inputs after q, dq and ddq
 
-    def torques(q: Array, dq: Array, ddq: Array, *further_inputs: Array) -> Array:
-        inputs = dict(zip(further_labels, further_inputs, strict=True))
-        wrenches = {}
+    def torques(q: Array, dq: Array, ddq: Array, *other_inputs: Array) -> Array:
+        """Torques (nv,) at the motor shafts."""
+        inputs = dict(zip(other_labels, other_inputs, strict=True))
+        wrenches = {}  # by the robot
         for frame in options.get("wrenches", ()):
             sign = -1.0 if frame in options.get("on_robot", ()) else 1.0
             wrenches[frame] = sign * inputs[f"wrench at {frame}"]
@@ -65,16 +68,17 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
         gear_torques = motor_torques(model, gear_torques)
         rotor_torques = motor_torques(model, rotor_torques)
         speeds = motor_velocities(model, dq)
-        # 1, 0 or -1; below STANDING a motor counts as at rest.
+        # 1, 0 or -1: a motor is at rest at speeds below STANDING.
         directions = np.array([positive(speed - STANDING) - positive(-speed - STANDING) for speed in speeds], object)
         torque_factors = []
-        for torque, direction, own_efficiency in zip(gear_torques, directions, efficiency, strict=True):
+        for torque, direction, eta in zip(gear_torques, directions, efficiency, strict=True):
             is_braking = positive(-(torque * direction))
-            torque_factors.append(either(is_braking, own_efficiency, 1.0 / own_efficiency))
+            torque_factors.append(either(is_braking, eta, 1.0 / eta))
         shaft_torques = (gear_torques * np.array(torque_factors, object) + rotor_torques) / ratio
         if not no_load_torque.any():
             return shaft_torques
         return shaft_torques + no_load_torque * np.sign(ratio) * directions
 
     name = request.function.name.replace("inverse_dynamics", "motor_torques")
-    return replace(request, function=replace(request.function, name=name, program=trace(torques, ports, ["tau"])))
+    program = trace(torques, ports, ["tau"])
+    return replace(request, function=replace(request.function, name=name, program=program))

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from .. import Robot
     from ..engine import Engine
 
+_ALL_ROWS = tuple(range(len(TWIST)))
+
 Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, Mapping[str, Any]]]
 
 
@@ -38,7 +40,7 @@ class Request:
     options: Mapping[str, Any]
     """Given options, for :meth:`~twistwrench.Robot.kernel`."""
     full: Mapping[str, Any]
-    """Validated options, with defaults."""
+    """Full options: validated, with defaults."""
     function: CFunction
     """C function of the quantity."""
 
@@ -50,8 +52,9 @@ def prefix_of(robot: Robot, prefix: str | None) -> str:
     """
     if prefix is None:
         name = identifier(robot.name)
-        begins_with_letter = re.match(r"[A-Za-z]", name) is not None
-        return name if begins_with_letter else f"robot_{name}".strip("_")
+        if re.match(r"[A-Za-z]", name):
+            return name
+        return f"robot_{name}".strip("_")
     if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
         raise ValueRangeError(
             f"{argument('prefix', prefix)} cannot begin a name in C. Use letters, digits and underscores, a letter first."
@@ -74,9 +77,11 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
     for name, options in name_option_pairs(quantities):
         full_options = checked_options(robot.model, name, options)
         _require_program(robot, name, full_options)
-        function_name = "_".join([prefix, name, *_option_words(full_options)])
+        option_words = _option_words(full_options)
+        function_name = "_".join([prefix, name, *option_words])
         program = program_of(robot.model, name, full_options)
-        if any(port.size == 0 for port in (*program.inputs, *program.outputs)):
+        ports = (*program.inputs, *program.outputs)
+        if any(port.size == 0 for port in ports):
             raise KernelError(f"{name} of robot {robot.name!r} has no entry: there is nothing to export.")
         for request in checked_requests:
             if request.function.name == function_name:
@@ -95,7 +100,7 @@ def name_option_pairs(quantities: Quantities) -> Iterator[tuple[str, Mapping[str
     """Pairs (name, options) from one name, a mapping, or names with or without options."""
     entries: list[Any]
     if isinstance(quantities, str) or not isinstance(quantities, Iterable):
-        entries = [quantities]  # if it is not a text either, it is rejected below
+        entries = [quantities]  # one name; anything else is rejected below
     elif isinstance(quantities, Mapping):
         entries = list(quantities.items())
     else:
@@ -104,7 +109,8 @@ def name_option_pairs(quantities: Quantities) -> Iterator[tuple[str, Mapping[str
         if isinstance(entry, str):
             yield entry, {}
         elif isinstance(entry, tuple | list) and len(entry) == 2 and isinstance(entry[1], Mapping):
-            yield str(entry[0]), entry[1]
+            name, options = entry
+            yield str(name), options
         else:
             raise ShapeError(
                 f"{entry!r} is not a quantity to export: give its name, or (name, options) such as "
@@ -126,7 +132,7 @@ def _require_program(robot: Robot, name: str, full_options: Mapping[str, Any]) -
 
 
 def _option_words(full_options: Mapping[str, Any]) -> Iterator[str]:
-    """Options as parts of a name, in the order of the table."""
+    """Parts of a function's name for its options, always in the same order; options with default values have none."""
     frame = full_options.get("frame")
     if frame:
         yield identifier(frame)
@@ -134,7 +140,7 @@ def _option_words(full_options: Mapping[str, Any]) -> Iterator[str]:
     if kind:
         yield kind
     rows = full_options.get("rows")
-    if rows and rows != tuple(range(6)):
+    if rows and rows != _ALL_ROWS:
         yield from (TWIST[k] for k in rows)
     for wrench_frame in full_options.get("wrenches", ()):
         yield "wrench"
@@ -168,7 +174,7 @@ BRIDGE_PRECISIONS = ("double", "single")
 
 @dataclass(frozen=True, eq=False)
 class BridgedQuantity:
-    """One quantity with its options; its parts are cached, since functions use them in every call."""
+    """One quantity with its options for a bridge to another package, whose functions use the cached parts in every call."""
 
     robot: Robot
     name: str
@@ -250,7 +256,7 @@ class BridgedQuantity:
         for shape, port in zip(shapes, ports, strict=True):
             batch_rank = len(shape) - len(port.shape)
             if batch_rank < 0 or shape[batch_rank:] != port.shape:
-                wanted = ", ".join(["…", *map(str, port.shape)])
+                wanted = ", ".join(["…", *map(str, port.shape)])  # of any batch
                 raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
             batch_shapes.append(shape[:batch_rank])
         different_shapes = set(batch_shapes)
@@ -286,7 +292,7 @@ class BridgedQuantity:
         """Program (q, derivative along velocities) → derivative by the entries of q: transpose of :meth:`velocities`."""
         model = self.engine.model
 
-        def slopes(q: Any, along: Any) -> tuple[Any, ...]:
-            return (along @ velocity_map(model, q),)
+        def slopes(q: Any, derivative_along: Any) -> tuple[Any, ...]:
+            return (derivative_along @ velocity_map(model, q),)
 
         return trace(slopes, [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])

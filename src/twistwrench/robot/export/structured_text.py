@@ -37,6 +37,9 @@ STYLES = ("function_block", "codesys")
 STATES = 10
 """Number of states in the program that checks the blocks."""
 _LINE_WIDTH = 76
+"""Largest length of a line of wrapped items, without its indent."""
+_DIGEST_LETTERS = 12
+"""Number of letters of a program's hash in the header."""
 
 RESERVED = frozenset("""
     abs acos action add and any any_bit any_date any_elementary any_int any_magnitude any_num any_real any_string array
@@ -69,7 +72,7 @@ class Names:
         self._used = set(map(str.lower, names))
 
     def free(self, wanted: str) -> str:
-        """Unused identifier for a name: ``dt``, a type, becomes ``dt_value``, and a second ``m`` beside ``M`` ``m_2``."""
+        """Unused identifier for a name: the type ``dt`` becomes ``dt_value``, and ``m`` becomes ``m_2`` if ``M`` is used."""
         base = identifier(wanted)
         if not base[:1].isalpha():
             base = f"x_{base}".strip("_")
@@ -96,13 +99,13 @@ def real_literal(x: float, precision: str = "double") -> str:
     text = mantissa if "." in mantissa else f"{mantissa}.0"
     if exponent:
         text += f"E{exponent}"
-    is_negative = np.signbit(x) and x != 0
-    return f"(-{text})" if is_negative else text
+    return f"(-{text})" if x < 0 else text
 
 
 def function_block(name: str, request: Request, description: Sequence[str]) -> str:
     """Declaration and statements of one block, below a comment with its ``description``."""
-    program, precision = request.function.program, request.function.precision
+    program = request.function.program
+    precision = request.function.precision
     real = TYPES[precision]
     scope = Names([name])
     parameters = [scope.free(parameter) for parameter in request.function.parameters]
@@ -112,9 +115,12 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
     local_names: list[str] = []
 
     def operand_text(operand: Any) -> str:
+        """Name of a variable, or literal of a number."""
         return operand if isinstance(operand, str) else real_literal(operand, precision)
 
     def operation(pattern: str) -> Any:
+        """Function that assigns an expression to a new local variable and returns the variable's name."""
+
         def write(*operands: Any) -> str:
             local_name = scope.free(f"t{len(local_names)}")
             local_names.append(local_name)
@@ -124,9 +130,8 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
         return write
 
     functions = {op: operation(pattern) for op, pattern in _OPERATIONS.items()}
-    results = evaluated(
-        program, element_names(inputs, program.inputs), functions
-    )  # adds a statement for each operation
+    input_elements = element_names(inputs, program.inputs)
+    results = evaluated(program, input_elements, functions)  # adds a statement for each operation
     for element, result in zip(element_names(outputs, program.outputs), results, strict=True):
         statements.append(f"{element} := {operand_text(result)};")
     declarations = []
@@ -138,8 +143,12 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
     lines = [
         _comment(description),
         f"FUNCTION_BLOCK {name}",
-        *("VAR_INPUT", *declarations[:input_count], "END_VAR"),
-        *("VAR_OUTPUT", *declarations[input_count:], "END_VAR"),
+        "VAR_INPUT",
+        *declarations[:input_count],
+        "END_VAR",
+        "VAR_OUTPUT",
+        *declarations[input_count:],
+        "END_VAR",
         *local_declarations,
         *statements,
         "END_FUNCTION_BLOCK",
@@ -148,10 +157,10 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
 
 
 def _fused_pattern(product_sign: float, sum_sign: float) -> str:
-    """Expression ±(a b) ± c of a fused operation."""
+    """Pattern of the expression ±(a b) ± c of a fused operation, from the signs of product and c."""
     product = "({0} * {1})" if product_sign > 0 else "-({0} * {1})"
     operator = "+" if sum_sign > 0 else "-"
-    return f"{product} {operator} " + "{2}"
+    return product + f" {operator} {{2}}"
 
 
 _OPERATIONS: Mapping[str, str] = {
@@ -165,18 +174,20 @@ _OPERATIONS: Mapping[str, str] = {
 
 
 def _array_type(size: int, real: str) -> str:
+    """Type of an array with ``size`` entries of the type ``real``."""
     return f"ARRAY[0..{size - 1}] OF {real}"
 
 
 def _wrap(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[str]:
     """Items wrapped into lines, with commas between them.
 
-    ``end`` follows each line. Without ``each`` it follows only the last one, and a comma the others.
+    ``end`` follows each line if ``each`` is true. If not, ``end`` follows the last line, and a comma each other line.
     """
     end_of_line = end if each else ","
     line = ""
     for item in items:
-        if line and len(line) + len(item) + 2 + len(end) > _LINE_WIDTH:
+        extended_width = len(line) + len(", ") + len(item) + len(end)
+        if line and extended_width > _LINE_WIDTH:
             yield f"    {line}{end_of_line}"
             line = ""
         line += f", {item}" if line else item
@@ -184,8 +195,9 @@ def _wrap(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[str]
 
 
 def _comment(lines: Sequence[str]) -> str:
-    """Comment that names from robot files cannot end."""
-    c_comment = comment([line.replace("*)", "* )").replace("(*", "( *") for line in lines])
+    """Comment with these lines, in which names from robot files cannot end or begin a comment."""
+    safe_lines = [line.replace("*)", "* )").replace("(*", "( *") for line in lines]
+    c_comment = comment(safe_lines)
     text = c_comment.removeprefix("/*").removesuffix("*/")
     return f"(*{text}*)"
 
@@ -240,7 +252,8 @@ def export_st(
     check_outputs({label: file}, {"the robot": file_of(robot), **(inputs or {})})
     pairs = list(name_option_pairs(quantities))
     if style == "codesys":
-        if [name for name, _ in pairs] != ["inverse_dynamics"]:
+        names = [name for name, _ in pairs]
+        if names != ["inverse_dynamics"]:
             raise KernelError(
                 f"{argument('style', 'codesys')} writes inverse_dynamics alone, which its interface is about."
             )
@@ -251,9 +264,12 @@ def export_st(
     scope = Names()
     blocks = [(scope.free(request.function.name), request) for request in exports]
     texts = [_header(robot, exports, torque)]
-    texts += [function_block(name, request, _description(robot, request, torque)) for name, request in blocks]
+    for name, request in blocks:
+        description = _description(robot, request, torque)
+        texts.append(function_block(name, request, description))
     if style == "codesys":
-        texts.append(_codesys_wrapper(scope.free(f"{prefix}_dynamics"), *blocks[0]))
+        block, request = blocks[0]
+        texts.append(_codesys_wrapper(scope.free(f"{prefix}_dynamics"), block, request))
     if test:
         texts.append(_test_program(robot, scope.free(f"{prefix}_TEST"), blocks))
     with replacing(file) as temporary_file:
@@ -263,7 +279,8 @@ def export_st(
 
 def _header(robot: Robot, exports: Sequence[Request], torque: str) -> str:
     """Comment at the beginning of the file: conventions, and entries of q and dq."""
-    digests = ", ".join(request.function.program.digest[:12] for request in exports)
+    digests = ", ".join(request.function.program.digest[:_DIGEST_LETTERS] for request in exports)
+    real = TYPES[exports[0].function.precision]
     gx, gy, gz = map(file_number, robot.gravity)
     torque_lines = []
     if torque == "motor":
@@ -273,8 +290,7 @@ def _header(robot: Robot, exports: Sequence[Request], torque: str) -> str:
         torque_lines = [f"tau of motor_torques: N m at the shafts of the motors, in the {order}."]
     return _comment(
         [
-            f"Dynamics of the robot {robot.name} in Structured Text (IEC 61131-3), numbers of type "
-            f"{TYPES[exports[0].function.precision]}.",
+            f"Dynamics of the robot {robot.name} in Structured Text (IEC 61131-3), numbers of type {real}.",
             f"Written by twistwrench {version('twistwrench')}. Hash of the equations: {digests}.",
             "",
             *_CONVENTIONS.split("\n"),
@@ -303,11 +319,11 @@ def _test_program(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]
     scope = Names([name, *block_names, "Passed", "Worst"])
     _, first_request = blocks[0]
     real = TYPES[first_request.function.precision]
-    k, i, apart = map(scope.free, ("k", "i", "apart"))
-    declarations = [f"    {k}, {i} : DINT;", f"    {apart} : {real};"]
+    k, i, difference = map(scope.free, ("k", "i", "apart"))
+    declarations = [f"    {k}, {i} : DINT;", f"    {difference} : {real};"]
     statements = ["Passed := TRUE;", "Worst := 0.0;"]
     for block, request in blocks:
-        block_declarations, block_statements = _block_test(robot, block, request, scope, (k, i, apart))
+        block_declarations, block_statements = _block_test(robot, block, request, scope, (k, i, difference))
         declarations += block_declarations
         statements += block_statements
     return "\n".join(
@@ -317,8 +333,13 @@ def _test_program(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]
                 "Worst is the largest difference, as a share of the difference that rounding explains.",
             ]),
             f"PROGRAM {name}",
-            *("VAR_OUTPUT", "    Passed : BOOL;", f"    Worst : {real};", "END_VAR"),
-            *("VAR", *declarations, "END_VAR"),
+            "VAR_OUTPUT",
+            "    Passed : BOOL;",
+            f"    Worst : {real};",
+            "END_VAR",
+            "VAR",
+            *declarations,
+            "END_VAR",
             *statements,
             "END_PROGRAM",
         ]
@@ -328,9 +349,13 @@ def _test_program(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]
 def _block_test(
     robot: Robot, block: str, request: Request, scope: Names, variables: tuple[str, str, str]
 ) -> tuple[list[str], list[str]]:
-    """Declarations and statements for one block; ``variables``: index of the state, index of the entry, difference."""
-    program, precision = request.function.program, request.function.precision
-    k, i, apart = variables
+    """Declarations and statements for one block.
+
+    ``variables`` are the names of the state's index, of the entry's index, and of the difference.
+    """
+    program = request.function.program
+    precision = request.function.precision
+    k, i, difference = variables
     real = TYPES[precision]
     instance = scope.free(f"{block}_1")
     block_scope = Names([block])
@@ -338,37 +363,37 @@ def _block_test(
     dtype = np.float32 if precision == "float" else np.float64
     inputs = inputs_at_states(robot, request, dtype, STATES)
     results, tolerances = results_at_states(robot, request, inputs, NumpyKernel(program, block, ""))
-    remaining_tolerances = iter(tolerances)
-    declarations, loads, checks = [f"    {instance} : {block};"], [], []
-    input_arrays: list[str] = []
+    input_count = len(program.inputs)
+    declarations = [f"    {instance} : {block};"]
+    loads: list[str] = []  # statements that fill the inputs
+    checks: list[str] = []  # statements that compare the outputs
+    assignments: list[str] = []  # of the call
     ports = (*program.inputs, *program.outputs)
-    for parameter, port, values in zip(parameters, ports, (*inputs, *results), strict=True):
+    for number, (parameter, port, values) in enumerate(zip(parameters, ports, (*inputs, *results), strict=True)):
         table = scope.free(f"{block}_{parameter}_data")
         literals = [real_literal(float(x), precision).strip("()") for x in np.ravel(values)]
         declarations.append(f"    {table} : {_array_type(STATES * port.size, real)} := [")
         declarations += _wrap(literals, "];", each=False)
         loop = f"    FOR {i} := 0 TO {port.size - 1} DO"
         entry = f"{table}[{port.size} * {k} + {i}]"
-        is_input = len(input_arrays) < len(program.inputs)
-        if is_input:
+        if number < input_count:
             array = scope.free(f"{block}_{parameter}")
-            input_arrays.append(array)
+            assignments.append(f"{parameter} := {array}")
             declarations.append(f"    {array} : {_array_type(port.size, real)};")
             loads += [loop, f"        {array}[{i}] := {entry};", "    END_FOR;"]
             continue
-        allowed = real_literal(largest_entry(np.asarray(values)) * next(remaining_tolerances), precision)
+        allowed_difference = largest_entry(np.asarray(values)) * tolerances[number - input_count]
+        allowed = real_literal(allowed_difference, precision)
         checks += [
             loop,
-            f"        {apart} := ABS({instance}.{parameter}[{i}] - {entry}) / {allowed};",
-            f"        IF NOT ({apart} <= 1.0) THEN",
+            f"        {difference} := ABS({instance}.{parameter}[{i}] - {entry}) / {allowed};",
+            f"        IF NOT ({difference} <= 1.0) THEN",  # true for NaN
             "            Passed := FALSE;",
             "        END_IF;",
-            f"        Worst := MAX(Worst, {apart});",
+            f"        Worst := MAX(Worst, {difference});",
             "    END_FOR;",
         ]
-    inputs_and_arrays = zip(parameters, input_arrays, strict=False)  # the inputs come first
-    assignments = ", ".join(f"{parameter} := {array}" for parameter, array in inputs_and_arrays)
-    call = f"    {instance}({assignments});"
+    call = f"    {instance}({', '.join(assignments)});"
     return declarations, [f"FOR {k} := 0 TO {STATES - 1} DO", *loads, call, *checks, "END_FOR;"]
 
 
@@ -380,7 +405,7 @@ def _codesys_wrapper(name: str, block: str, request: Request) -> str:
     for parameter, port in zip(inputs, program.inputs, strict=True):
         declarations.append(f"    {parameter} : {_array_type(port.size, 'LREAL')};")
     assignments = ", ".join(f"{parameter} := {parameter}" for parameter in inputs)
-    (output,) = program.outputs
+    (output,) = program.outputs  # tau
     return "\n".join(
         [
             _comment([
@@ -398,8 +423,12 @@ def _codesys_wrapper(name: str, block: str, request: Request) -> str:
             "",
             "(* Method of the block above. *)",
             "METHOD AxesStateToTorque",
-            *("VAR_INPUT", *declarations, "END_VAR"),
-            *("VAR_OUTPUT", f"    tau : {_array_type(output.size, 'LREAL')};", "END_VAR"),
+            "VAR_INPUT",
+            *declarations,
+            "END_VAR",
+            "VAR_OUTPUT",
+            f"    tau : {_array_type(output.size, 'LREAL')};",
+            "END_VAR",
             f"block({assignments});",
             "tau := block.tau;",
             "END_METHOD",

@@ -46,7 +46,7 @@ class Mixup(NamedTuple):
         return "multiply " + " and ".join(factors)
 
 
-MIXUPS = (
+MIXUPS = (  # cause, newtons per force unit, newton metres per moment unit
     Mixup("forces are in grams", KGF / 1000, 1.0),
     Mixup("forces are in kilograms", KGF, 1.0),
     Mixup("moments are in N mm", 1.0, 1e-3),
@@ -57,14 +57,29 @@ MIXUPS = (
 )
 """Wrong units found in logs, most frequent first."""
 
-# Rows: mass [kg], distance of the centre of mass from the sensor [m], ratio of force noise to moment noise [1/m]. The
-# ratio is the inverse of the distance of the strain gauges from the axis. Columns: smallest and largest value.
-_USUAL_TOOLS = np.array([[0.045, 55.0], [0.009, 0.33], [4.0, 600.0]])
+# A tool is judged by three quantities: its mass [kg], the distance of its centre of mass from the sensor [m], and the ratio of
+# force noise to moment noise [1/m], which is the inverse of the distance of the strain gauges from the axis. A range has the
+# smallest and the largest value.
+_USUAL_TOOLS = np.array([
+    [0.045, 55.0],  # mass
+    [0.009, 0.33],  # distance
+    [4.0, 600.0],  # noise ratio
+])  # fmt: skip
 """Ranges of usual tools, with margins of 10 %."""
 _IMPOSSIBLE_TOOLS = np.array([500.0, 0.5, math.inf])
-"""Values above which no tool on a six-axis sensor is."""
-_PLAUSIBLE_TOOLS = np.array([[0.045, 55.0], [0.009, 0.4], [0.5, 600.0]])
-"""Ranges that raise no doubt: a tool may be long, and noise in N and N m may be equal."""
+"""Largest mass, distance and noise ratio of a tool on a six-axis sensor."""
+_PLAUSIBLE_TOOLS = np.array([
+    [0.045, 55.0],  # mass
+    [0.009, 0.4],  # distance: a tool may be long
+    [0.5, 600.0],  # noise ratio: noise in N and N m may be equal
+])  # fmt: skip
+"""Ranges that raise no doubt."""
+_MAX_WAYS = 3
+"""Largest number of possible units that a doubt names."""
+_MAX_FREEDOM = 1e9
+"""Number of degrees of freedom from which the distribution is normal."""
+_MAX_DECIMALS = 6
+"""Largest number of decimals of rounded values."""
 MISS_PROBABILITY = 1e-5
 """Probability that the interval of mass or distance misses the true value."""
 NOISE_MISS_PROBABILITY = 1e-3
@@ -72,7 +87,7 @@ NOISE_MISS_PROBABILITY = 1e-3
 MIN_NOISE_OF_WEIGHT = 1e-4
 """Noise relative to the weight below which residuals are rounding errors."""
 _RANK_PENALTY = 0.08
-"""Score for each place of a mixup in the order of frequency."""
+"""Penalty of a mixup for each more frequent mixup; of two similar mixups, the more frequent one is named first."""
 
 
 def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Doubt | None:
@@ -81,61 +96,69 @@ def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) ->
     if _overlap(bounds, _PLAUSIBLE_TOOLS).all():
         return None
     log_ranges = np.log(_USUAL_TOOLS)
-    remedies = []
+    scored_remedies = []  # penalty and text
     for rank, mixup in enumerate(MIXUPS):
         factors = np.array([mixup.force, mixup.moment / mixup.force, mixup.force / mixup.moment])
         corrected_bounds = bounds * factors[:, None]
         if _overlap(corrected_bounds, _USUAL_TOOLS).all():
-            # Distance from the middle of the usual range, in widths of the range.
-            deviation = (np.log(corrected_bounds[:, 1]) - log_ranges.mean(axis=1)) / np.ptp(log_ranges, axis=1)
-            score = float((deviation[np.isfinite(deviation)] ** 2).sum()) + _RANK_PENALTY * rank
-            remedies.append((score, f"{mixup.cause} ({mixup.cure})"))
-    if not remedies and not (bounds[:, 0] > _IMPOSSIBLE_TOOLS).any():
+            # Distance of the estimates from the middle of the usual range, in widths of the range.
+            deviations = (np.log(corrected_bounds[:, 1]) - log_ranges.mean(axis=1)) / np.ptp(log_ranges, axis=1)
+            known_deviations = deviations[np.isfinite(deviations)]
+            penalty = float((known_deviations**2).sum()) + _RANK_PENALTY * rank
+            scored_remedies.append((penalty, f"{mixup.cause} ({mixup.cure})"))
+    is_impossible = (bounds[:, 0] > _IMPOSSIBLE_TOOLS).any()
+    if not scored_remedies and not is_impossible:
         return None
     distance = float(np.linalg.norm(sensor.load.com))
-    distance_text = f"{number(distance, 3)} m" if distance >= 1 else f"{number(1e3 * distance, 3)} mm"
+    distance_text = f"{number(distance, 3)} m"
+    if distance < 1:
+        distance_text = f"{number(1e3 * distance, 3)} mm"
     moment_noise, force_noise = result.fit.noise
     tool = (
         f"a mass of {number(sensor.load.mass, 3)} kg, {distance_text} out, on a sensor with noise of "
         f"{number(force_noise, 2)} N and {number(moment_noise, 2)} N m"
     )
-    if not remedies:
+    if not scored_remedies:
         return doubt("sensor-counts", tool=tool)
-    return doubt("sensor-unit", tool=tool, ways="; or ".join(text for _, text in sorted(remedies)[:3]))
+    remedies = [remedy for _, remedy in sorted(scored_remedies)]
+    return doubt("sensor-unit", tool=tool, ways="; or ".join(remedies[:_MAX_WAYS]))
 
 
 def _overlap(bounds: Array, ranges: Array) -> Array:
-    """Mask (3,) of quantities whose bounds overlap a range of tools."""
+    """Mask (3,) of the quantities whose bounds, lower and upper, overlap a range of tools."""
     return (bounds[:, 0] <= ranges[:, 1]) & (bounds[:, 2] >= ranges[:, 0])
 
 
 def _tool_bounds(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Array:
-    """Lower bound, estimate, upper bound (3, 3): mass [kg], distance of centre of mass [m], noise ratio [1/m]."""
+    """(3, 3): lower bound, estimate and upper bound of mass [kg], distance of the centre of mass [m], noise ratio [1/m]."""
     from scipy import special
 
     mass = float(result.fit.load[0])
     mass_freedom = float(result.fit.known[result.fit.unknowns.load.start])
-    t = float(special.stdtrit(min(mass_freedom, 1e9), 1 - MISS_PROBABILITY))
+    t = float(special.stdtrit(min(mass_freedom, _MAX_FREEDOM), 1 - MISS_PROBABILITY))
     mass_error = t * result.fit.mass_deviation
     distance = float(np.linalg.norm(sensor.load.com))
     distance_error = t * float(np.linalg.norm(result.fit.com_deviation))
     masses = (mass - mass_error, mass, mass + mass_error)
     distances = (distance - distance_error, distance, distance + distance_error)
     noise_ratios = (0.0, math.nan, math.inf)  # unknown
-    moment, force = result.noise
+    moment_noise, force_noise = result.noise
+    moments, forces = log.readings[:, :3], log.readings[:, 3:]
     weight = mass * float(np.linalg.norm(log.gravity, axis=1).mean())
-    is_noise = moment > 0 and force > MIN_NOISE_OF_WEIGHT * weight
-    if is_noise and moment > _decimal_place(log.readings[:, :3]) and force > _decimal_place(log.readings[:, 3:]):
+    is_noise = moment_noise > 0 and force_noise > MIN_NOISE_OF_WEIGHT * weight
+    if is_noise and moment_noise > _decimal_place(moments) and force_noise > _decimal_place(forces):
         factor = math.sqrt(float(special.fdtri(result.freedom, result.freedom, 1 - NOISE_MISS_PROBABILITY)))
-        noise_ratios = (force / moment / factor, force / moment, force / moment * factor)
+        ratio = force_noise / moment_noise
+        noise_ratios = (ratio / factor, ratio, ratio * factor)
     return np.array([masses, distances, noise_ratios])
 
 
 def _decimal_place(values: Array) -> float:
     """Decimal place to which all values are rounded, such as 0.01; 0 if there are more than six decimals."""
-    for digits in range(7):
-        decimal_place = 10.0**-digits
+    for decimals in range(_MAX_DECIMALS + 1):
+        decimal_place = 10.0**-decimals
         multiples = values / decimal_place
-        if (np.abs(multiples - np.round(multiples)) < 1e-6).all():
+        rounding_errors = np.abs(multiples - np.round(multiples))
+        if (rounding_errors < 1e-6).all():
             return decimal_place
     return 0.0

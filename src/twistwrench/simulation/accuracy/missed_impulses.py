@@ -19,7 +19,7 @@ Path = Callable[[Array], Array]
 """Function from fractions (m,) of steps to states (..., m, size)."""
 
 MAX_STORED_STEPS = 100_000
-"""Largest number of steps stored for the check. In longer runs, a check follows whenever so many are stored."""
+"""Number of stored steps from which they are checked and forgotten."""
 BATCH_SIZE = 256
 """Number of steps that are evaluated together."""
 
@@ -32,36 +32,36 @@ class ForceQuadrature:
         self.rule = ProbeRule(times, weights, spacing)
 
     def impulses(self, t: Any, h: float, path: Path) -> Array:
-        """Impulses of the callbacks missed by steps from times t (...), (..., nv) [N m s or N s]."""
+        """Impulses (..., nv) of the callbacks [N m s or N s] that steps from times t (...) miss."""
         t = np.asarray(t)
-        mean_missed = np.zeros((*np.shape(t), self.system.nv))
+        mean_forces = np.zeros((*np.shape(t), self.system.nv))  # missed ones, over a step
         if not self.system.functions or not self.rule.needed(h):
-            return mean_missed
+            return mean_forces
         shares, weights = self.rule.shares(h)
         times = t[..., None] + h * shares
         states = path(shares)
         for _, forces_of in self.system.functions:
             forces = forces_of(times.ravel(), states.reshape(-1, states.shape[-1]))
-            mean_missed += left_out(weights, forces.reshape(*times.shape, -1))
-        return h * mean_missed
+            mean_forces += left_out(weights, forces.reshape(*times.shape, -1))
+        return h * mean_forces
 
     def change(self, q: Array, dq: Array, impulse: Array) -> Array:
         """Changes of velocity (..., nv) due to impulses (..., nv)."""
-        forward = self.system.robot.forward_dynamics
-        return np.asarray(forward(q, dq, impulse) - forward(q, dq, np.zeros_like(impulse)))
+        forward_dynamics = self.system.robot.forward_dynamics
+        return np.asarray(forward_dynamics(q, dq, impulse) - forward_dynamics(q, dq, np.zeros_like(impulse)))
 
     def furthest(self, t: float, h: float, path: Path) -> tuple[str, float]:
         """Name of the callback with the largest deviation from its median in a step from t, and the time [s]."""
         shares, _ = self.rule.shares(h)
         states = path(shares)
-        furthest = (-1.0, "", t)  # deviation, name and time
+        candidates = [(-1.0, "", t)]  # largest deviation, name and time, of each callback
         for name, forces_of in self.system.functions:
             forces = forces_of(t + h * shares, states)
             deviations = np.abs(forces - np.median(forces, axis=0)).max(axis=1)
             k = int(deviations.argmax())
-            furthest = max(furthest, (float(deviations[k]), name, t + h * float(shares[k])))
-        _, name_of_furthest, time = furthest
-        return name_of_furthest, time
+            candidates.append((float(deviations[k]), name, t + h * float(shares[k])))
+        _, name, time = max(candidates)
+        return name, time
 
 
 class ForceCheck:
@@ -71,13 +71,13 @@ class ForceCheck:
         self.probes = probes
         self.h = h
         self._sum = np.zeros(probes.system.nv)
-        """Sum of the missed changes of velocity (nv,)."""
+        """Sum of the magnitudes of the missed changes of velocity (nv,)."""
         self._blocks: list[tuple[Array, ...]] = []
         """Stored steps: times (m,), states before and after, and controller torques, (m, ...)."""
         self._count = 0
         """Number of stored steps."""
         self._worst: tuple[Array, tuple[float, Array, Array, Array]] | None = None
-        """Largest missed change of velocity, with time, states before and after, and controller torques of its step."""
+        """Largest missed change of velocity (nv,); and its step: time, states before and after, controller torques."""
 
     def note(self, t: float, y: Array, after: Array) -> None:
         """Record a step from y at t to the state after it."""
@@ -101,24 +101,27 @@ class ForceCheck:
     def error(self, extent: Extent, end: float) -> Array | None:
         """Error of a run to ``end`` [s], (nv,) rad or m; None if no impulse is missed.
 
-        Velocity changes decay as in step doubling. Those of a joint that does not move last at most to the end.
+        A change of velocity decays as in step doubling; if the joint does not move, it lasts at most to the end of the run.
         """
         self._add_up()
         if self._worst is None:
             return None
-        change, (t, _, after, held) = self._worst
+        change, step = self._worst
+        t, _, after, held = step
         system = self.probes.system.under(held)
         try:
             times = decay_times(system, system.moving, t + self.h, after, change)
         except SimulationError:
             times = np.array(np.inf)
-        return np.asarray(np.minimum(np.where(extent.rests, end, extent.spans), times) * self._sum)
+        max_times = np.where(extent.rests, end, extent.spans)
+        return np.asarray(np.minimum(max_times, times) * self._sum)
 
     def remark(self) -> str:
-        """Remark on callbacks for which the steps are too long."""
+        """Remark on callbacks for which the steps are too long; empty if no impulse is missed."""
         if self._worst is None:
             return ""
-        _, (t, y, after, _) = self._worst
+        _, step = self._worst
+        t, y, after, _ = step
         callback, time = self.probes.furthest(t, self.h, _straight_path(y, after))
         return (
             f"{callback} changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all "
@@ -142,12 +145,15 @@ class ForceCheck:
         self._sum += np.abs(changes).sum(axis=0)
         sizes = np.abs(changes).max(axis=1)
         largest = int(sizes.argmax())
-        if self._worst is None or sizes[largest] > np.abs(self._worst[0]).max():
-            k = rows[largest]
-            self._worst = changes[largest], (float(t[k]), y[k], after[k], held[k])
+        if self._worst is not None:
+            worst_change, _ = self._worst
+            if not sizes[largest] > np.abs(worst_change).max():
+                return
+        k = rows[largest]
+        self._worst = changes[largest], (float(t[k]), y[k], after[k], held[k])
 
     def _impulses(self, t: Array, y: Array, after: Array) -> Array:
-        """Missed impulses of steps, (n, nv); zero if a callback fails at times between those of the run."""
+        """Missed impulses of steps, (n, nv); zero for a step in which a callback fails."""
         try:
             return self.probes.impulses(t, self.h, _straight_path(y, after))
         except SimulationError:
@@ -159,4 +165,5 @@ class ForceCheck:
 
 def _straight_path(y: Array, after: Array) -> Path:
     """Linear interpolation between the states before and after steps, (..., size) each."""
-    return lambda shares: y[..., None, :] + shares[:, None] * (after - y)[..., None, :]
+    difference = after - y
+    return lambda shares: y[..., None, :] + shares[:, None] * difference[..., None, :]

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 _MAX_DRAWN_LINKS = 6
 """Maximum number of links in a picture; those of the worst findings are drawn."""
 VIEWS = ((0, 1), (0, 2), (1, 2))
-"""Pair of link axes in the picture plane of each of the three views: 0 is x, 1 is y, 2 is z."""
+"""Link axes to the right and up in each of the three views: 0 is x, 1 is y, 2 is z."""
+_WIDTH = 9.0  # of a figure [inch]
+_ROW_HEIGHT = 2.5  # of a link [inch]
+_TITLE_HEIGHT = 0.9  # with the labels of the axes [inch]
 
 
 def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
@@ -29,25 +32,28 @@ def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
     changed_links = links_drawn(report)
     if not changed_links:
         raise ValueRangeError(f"no finding on robot {report.robot!r} changes an inertia, so there is nothing to draw.")
-    height = 2.5 * len(changed_links) + 0.9
-    with style.figure(9.0, height, f"{report.robot}: inertia before and after") as figure:
-        panels = figure.subplots(len(changed_links), 3, squeeze=False)
+    height = _ROW_HEIGHT * len(changed_links) + _TITLE_HEIGHT
+    with style.figure(_WIDTH, height, f"{report.robot}: inertia before and after") as figure:
+        panels = figure.subplots(len(changed_links), len(VIEWS), squeeze=False)
         for link_panels, (link, check, repaired_inertia) in zip(panels, changed_links, strict=True):
             file_inertia = report.contents.robot.model.link_inertias[link]
             parsed_link = report.contents.robot.links.get(link)
-            solids = [] if parsed_link is None else list(parsed_link.shapes.solids)
+            solids = [] if parsed_link is None else parsed_link.shapes.solids
             # The file's inertia is drawn last: its dashes stay visible over an equal solid line.
-            inertias = [
+            inertias = [  # inertia, colour, dashes, name
                 (repaired_inertia, style.BLUE, "-", "repaired"),
                 (file_inertia, style.VERMILION, "--", "in the file"),
             ]
             for axes, view in zip(link_panels, VIEWS, strict=True):
-                for k, shape in enumerate(solids):
-                    outline = _outline(shape.points[:, list(view)])
-                    axes.fill(*outline.T, color=style.PALE, zorder=1, label=None if k else "shapes")
+                for k, solid in enumerate(solids):
+                    x, y = _outline(solid.points[:, list(view)]).T
+                    label = "shapes" if k == 0 else None  # one entry in the legend
+                    axes.fill(x, y, color=style.PALE, zorder=1, label=label)
                 draw_inertias(axes, inertias, view)
-            link_panels[0].set_title(f"{link}: {check}", loc="left")
-        panels[0][2].legend(loc="upper right")
+            left_panel = link_panels[0]
+            left_panel.set_title(f"{link}: {check}", loc="left")
+        upper_right_panel = panels[0][-1]
+        upper_right_panel.legend(loc="upper right")
         return style.save(figure, path)
 
 
@@ -66,17 +72,18 @@ def draw_inertias(
 ) -> None:
     """Draw the outlines of uniform ellipsoids of equal inertia, and their centres of mass.
 
-    ``inertias`` has tuples of inertia, colour, dashes and name; ``view`` has the link axes in the picture plane.
+    ``inertias`` has tuples of inertia, colour, dashes and name; ``view`` has the link axes to the right and up.
     """
+    right, up = view
     for inertia, colour, dashes, name in inertias:
-        for solid in equal_inertia_ellipsoid(inertia):
-            outline = _outline(solid.vertices[:, list(view)])
-            x, y = np.concatenate([outline, outline[:1]]).T
+        for ellipsoid in equal_inertia_ellipsoid(inertia):  # none without mass
+            outline = _outline(ellipsoid.vertices[:, [right, up]])
+            x, y = np.concatenate([outline, outline[:1]]).T  # closed
             axes.plot(x, y, color=colour, linestyle=dashes, linewidth=1.4, label=name, zorder=3)
-        axes.plot(*inertia.com[list(view)], "+", color=colour, zorder=4)
+        axes.plot(inertia.com[right], inertia.com[up], "+", color=colour, zorder=4)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=style.SMALL_FONT)
-    axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=style.SMALL_FONT)
+    axes.set_xlabel(f"{'xyz'[right]} [m]", fontsize=style.SMALL_FONT)
+    axes.set_ylabel(f"{'xyz'[up]} [m]", fontsize=style.SMALL_FONT)
     axes.tick_params(labelsize=style.SMALL_FONT, colors=style.QUIET)
 
 
@@ -86,6 +93,6 @@ def _outline(points: Array) -> Array:
     if edges is None:
         return points
     corners = points[np.unique(edges)]
-    spokes = corners - corners.mean(axis=0)
-    angles = np.arctan2(spokes[:, 1], spokes[:, 0])
+    from_centre = corners - corners.mean(axis=0)
+    angles = np.arctan2(from_centre[:, 1], from_centre[:, 0])
     return np.asarray(corners[np.argsort(angles)])

@@ -20,9 +20,16 @@ from .. import style
 
 _BODY_COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
 _OTHER_COLOURS = {"friction": style.GREY, "springs": style.OLIVE}
-"""Colours of terms that do not belong to a body; the remaining ones are wrenches."""
+"""Colours of causes that are neither bodies nor wrenches."""
+_HATCHES = (None, "///", "...", "xxx")
+"""Hatches of a colour by the number of its repetitions."""
 _MAX_DRAWN_CAUSES = 8
 """Maximum number of causes drawn separately; the smallest ones are combined."""
+_MIN_WIDTH = 6.0  # of a figure [inch]
+_WIDTH_PER_JOINT = 1.1  # [inch]
+_LEGEND_WIDTH = 3.2  # with the labels of the axis [inch]
+_BAR_HEIGHT = 4.2  # of the figure with bars [inch]
+_BAR_WIDTH = 0.62  # as a share of the distance of two bars
 
 
 def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -30,8 +37,8 @@ def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, A
 
     Parameters
     ----------
-    bodies : sequence of str, causes that are bodies; other causes get other colours
-    apart : sequence of str, the other causes
+    bodies : sequence of str, causes that are bodies
+    apart : sequence of str, causes that are not bodies, such as friction and wrenches
 
     Returns
     -------
@@ -44,8 +51,8 @@ def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, A
     """
     bar_options: dict[str, dict[str, Any]] = {}
     for k, name in enumerate(bodies):
-        repetition, colour_number = divmod(k, len(_BODY_COLOURS))
-        bar_options[name] = {"color": _BODY_COLOURS[colour_number], "hatch": _hatch(repetition)}
+        repetition, colour_index = divmod(k, len(_BODY_COLOURS))
+        bar_options[name] = {"color": _BODY_COLOURS[colour_index], "hatch": _hatch(repetition)}
     wrenches = [name for name in apart if name not in _OTHER_COLOURS]
     for k, name in enumerate(wrenches):
         bar_options[name] = {"color": style.AXIS, "hatch": _hatch(k)}
@@ -58,8 +65,8 @@ def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, A
 
 
 def _hatch(repetition: int) -> str | None:
-    """Hatch of a colour that is used again."""
-    return (None, "///", "...", "xxx")[repetition % 4]
+    """Hatch of a colour that is used again; None at its first use."""
+    return _HATCHES[repetition % len(_HATCHES)]
 
 
 def plot_explanation(why: Explanation, path: str | Path) -> Path:
@@ -78,32 +85,40 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     'why.svg'
     """
     require_one_state(why)
-    torques_by_cause, names = why.by_cause, list(why.causes)
-    n_bodies = len(names) - (len(why.terms) - len(MOTION_TERMS))  # terms without a body come last
-    largest_first = np.argsort(-np.abs(torques_by_cause).max(axis=1), kind="stable")
-    largest_first = largest_first[torques_by_cause[largest_first].any(axis=1)]
-    shown = np.sort(largest_first[:_MAX_DRAWN_CAUSES]).tolist()
-    others = largest_first[_MAX_DRAWN_CAUSES:].tolist()
-    bar_options = styles([names[c] for c in shown if c < n_bodies], [names[c] for c in shown if c >= n_bodies])
-    bars = [(names[c], torques_by_cause[c], bar_options[names[c]]) for c in shown]
-    if others:
+    torques_by_cause = why.by_cause
+    names = list(why.causes)
+    other_term_count = len(why.terms) - len(MOTION_TERMS)  # terms without a body, the last causes
+    body_count = len(names) - other_term_count
+    max_torques = np.abs(torques_by_cause).max(axis=1)
+    largest_first = np.argsort(-max_torques, kind="stable")
+    is_nonzero = torques_by_cause[largest_first].any(axis=1)
+    largest_first = largest_first[is_nonzero]
+    shown_causes = np.sort(largest_first[:_MAX_DRAWN_CAUSES]).tolist()  # indices, in the order of the explanation
+    combined_causes = largest_first[_MAX_DRAWN_CAUSES:].tolist()
+    bodies = [names[c] for c in shown_causes if c < body_count]
+    apart = [names[c] for c in shown_causes if c >= body_count]
+    bar_options = styles(bodies, apart)
+    bars = [(names[c], torques_by_cause[c], bar_options[names[c]]) for c in shown_causes]
+    if combined_causes:
         options: dict[str, Any] = {"color": style.PAPER, "hatch": "////", "edgecolor": style.GREY}
-        bars.append((f"{len(others)} others", torques_by_cause[others].sum(axis=0), options))
-    joint_places = np.arange(len(why.joints))
-    width = max(6.0, 1.1 * len(joint_places) + 3.2)
-    with style.figure(width, 4.2, "What each torque is made of", "Drawing an explanation") as drawn:
+        combined_torques = torques_by_cause[combined_causes].sum(axis=0)
+        bars.append((f"{len(combined_causes)} others", combined_torques, options))
+    x = np.arange(len(why.joints))  # places of the bars
+    width = max(_MIN_WIDTH, _WIDTH_PER_JOINT * len(x) + _LEGEND_WIDTH)
+    with style.figure(width, _BAR_HEIGHT, "What each torque is made of", "Drawing an explanation") as drawn:
         axis = drawn.subplots()
         # Positive torques are stacked upward, negative ones downward.
-        top, bottom = np.zeros(len(joint_places)), np.zeros(len(joint_places))
+        top = np.zeros(len(x))
+        bottom = np.zeros(len(x))
         for name, torques, options in bars:
             base = np.where(torques >= 0, top, bottom)
-            axis.bar(joint_places, torques, 0.62, bottom=base, label=name, linewidth=0.4, **options)
+            axis.bar(x, torques, _BAR_WIDTH, bottom=base, label=name, linewidth=0.4, **options)
             top = top + np.maximum(torques, 0)
             bottom = bottom + np.minimum(torques, 0)
-        axis.plot(joint_places, why.torque, "_", color=style.INK, markersize=30, markeredgewidth=1.6, label="together")
+        axis.plot(x, why.torque, "_", color=style.INK, markersize=30, markeredgewidth=1.6, label="together")
         axis.axhline(0, color=style.QUIET, linewidth=0.7)
         joint_labels = [name.replace("_", "\n", 1) for name in why.joints]
-        axis.set_xticks(joint_places, joint_labels, fontsize=style.SMALL_FONT)
+        axis.set_xticks(x, joint_labels, fontsize=style.SMALL_FONT)
         units = sorted(set(why.units), reverse=True)  # N m before N
         axis.set_ylabel(", ".join(map(torque_word, units)))
         axis.grid(visible=False, axis="x")
@@ -116,6 +131,9 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
 _AXIS_COLOURS = (style.BLUE, style.VERMILION, style.GREEN)  # x, y, z
 _MAX_DOTS = 40
 """Maximum number of readings drawn as dots; more are drawn as lines."""
+_WIDTH, _HEIGHT = 10.5, 6.2  # of the figure with readings [inch]
+_LEGEND_SHARE = 0.14
+"""Height above the curves for the legend, as a share of the height of the curves."""
 
 
 def plot_compensation(
@@ -148,33 +166,37 @@ def plot_compensation(
     """
     predicted = log.predicted(sensor)
     residuals = log.readings - predicted
-    x = np.arange(len(log)) if log.time is None else log.time
-    unshaded = ~marked
+    x = np.arange(len(log)) if log.time is None else log.time  # number of a reading, or time [s]
+    is_unshaded = ~marked
     title = f"{Path(log.name).stem} · load {number(sensor.load.mass)} kg, sign {sensor.sign}"
-    with style.figure(10.5, 6.2, title) as drawn:
+    with style.figure(_WIDTH, _HEIGHT, title) as drawn:
         axes = drawn.subplots(2, 2, sharex=True)
         moment_noise, force_noise = noise
-        quantities = (("force", slice(3, 6), "N", force_noise), ("moment", slice(0, 3), "N m", moment_noise))
-        for row, (what, columns, unit, sigma) in enumerate(quantities):
-            names = [f"{what[0]}{axis}" for axis in "xyz"]
-            before, after = axes[row]
+        panels = (  # quantity, prefix of its components, columns of a wrench, unit, standard deviation
+            ("force", "f", slice(3, 6), "N", force_noise),
+            ("moment", "m", slice(0, 3), "N m", moment_noise),
+        )
+        for (before, after), (what, prefix, columns, unit, sigma) in zip(axes, panels, strict=True):
+            names = [f"{prefix}{axis}" for axis in "xyz"]
             _draw_readings(before, x, log.readings[:, columns], names, marked, mark)
             _draw_prediction(before, x, predicted[:, columns])
             style.titles(before, f"{what}s as read")
             _draw_readings(after, x, residuals[:, columns], names, marked, mark)
             after.axhspan(-2 * sigma, 2 * sigma, color=style.QUIET, alpha=0.18, linewidth=0, label="noise ± 2 σ")
             remark = ""
-            if unshaded.any():
-                rms = float(np.sqrt(np.mean(residuals[unshaded][:, columns] ** 2)))
-                where = " in unshaded readings" if marked.any() else ""
-                remark = f"rms {number(rms, 2)} {unit}{where}"
+            if is_unshaded.any():
+                unshaded_residuals = residuals[is_unshaded][:, columns]
+                rms = float(np.sqrt(np.mean(unshaded_residuals**2)))
+                remark = f"rms {number(rms, 2)} {unit}"
+                if marked.any():
+                    remark += " in unshaded readings"
             style.titles(after, f"{what}s without bias and load", remark)
             for axis in (before, after):
                 axis.set_ylabel(f"{what} [{unit}]")
                 axis.legend(ncols=5, loc="upper left", bbox_to_anchor=(0.0, 1.0), columnspacing=1.0)
                 low, high = axis.get_ylim()
-                axis.set_ylim(low, high + 0.14 * (high - low))  # room for the legend
-        for axis in axes[1]:
+                axis.set_ylim(low, high + _LEGEND_SHARE * (high - low))
+        for axis in axes[1]:  # the lower row
             axis.set_xlabel("reading, from 0" if log.time is None else "time [s]", color=style.QUIET)
             if log.time is None:
                 axis.xaxis.get_major_locator().set_params(integer=True)
@@ -182,14 +204,14 @@ def plot_compensation(
 
 
 def _draw_readings(axis: style.Axes, x: Array, values: Array, names: list[str], marked: Array, mark: str) -> None:
-    """Draw the three components, and shade the marked readings."""
+    """Draw the three components of readings (n, 3), and shade the marked ones; ``mark`` is their label in the legend."""
     line_options: dict[str, Any] = {"linewidth": 0.9}
     if len(x) <= _MAX_DOTS:
         line_options = {"marker": "o", "markersize": 4.5, "linewidth": 0}
     axis.axhline(0, color=style.AXIS, linewidth=0.7)
     for k, name in enumerate(names):
         axis.plot(x, values[:, k], color=_AXIS_COLOURS[k], label=name, **line_options)
-    half_step = 0.5
+    half_step = 0.5  # between two readings, in units of x
     if len(x) > 1:
         half_step = 0.5 * float(np.median(np.abs(np.diff(x))))
     for k, (first, last) in enumerate(runs(marked)):

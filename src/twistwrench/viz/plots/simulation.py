@@ -33,6 +33,13 @@ _QUATERNION_SIZE = 4
 """Number of coordinates of an orientation."""
 _MAX_EVENTS = 50
 """Largest number of events that are drawn."""
+_MAX_OUTCOME_LETTERS = 70
+"""Number of letters from which an outcome is cut in the title."""
+_WIDTH = 9.0  # of a figure [inch]
+_PANEL_HEIGHT = 2.6  # [inch]
+_DRIFT_HEIGHT = 1.6  # [inch]
+_TITLE_HEIGHT = 1.0  # with the time axis [inch]
+_SPACING = 1.02  # factor of the heights, for gaps between panels
 
 
 def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
@@ -51,18 +58,20 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     'swing.svg'
     """
     outcome = f"{number(result.times[-1], 6)} s" if result.completed else result.stopped
-    if len(outcome) >= 70:
-        outcome = f"{outcome[:68]}…"
+    if len(outcome) >= _MAX_OUTCOME_LETTERS:
+        outcome = f"{outcome[: _MAX_OUTCOME_LETTERS - 2]}…"
     title = f"{result.robot} · {result.method} · {outcome}"
     panels = _coordinates_by_panel(result)
-    heights = [2.6] * len(panels) + [2.6, 1.6]
-    with style.figure(9.0, 1.0 + 1.02 * sum(heights), title, "Drawing a simulation") as drawn:
-        *coordinates, energies, drift = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-        for axis, (panel, places) in zip(coordinates, panels.items(), strict=True):
-            _draw_coordinates(axis, result, panel, places)
-        _draw_energies(energies, result)
-        _draw_drift(drift, result)
-        for axis in (*coordinates, energies, drift):
+    heights = [_PANEL_HEIGHT] * len(panels) + [_PANEL_HEIGHT, _DRIFT_HEIGHT]
+    height = _TITLE_HEIGHT + _SPACING * sum(heights)
+    with style.figure(_WIDTH, height, title, "Drawing a simulation") as drawn:
+        axes = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        *coordinate_axes, energy_axis, drift_axis = axes
+        for axis, (panel, indices) in zip(coordinate_axes, panels.items(), strict=True):
+            _draw_coordinates(axis, result, panel, indices)
+        _draw_energies(energy_axis, result)
+        _draw_drift(drift_axis, result)
+        for axis in axes:
             for event in result.events[:_MAX_EVENTS]:
                 axis.axvline(event.time, color=style.QUIET, linewidth=0.8, linestyle=":")
             axis.margins(x=0)
@@ -74,27 +83,30 @@ def _coordinates_by_panel(result: SimulationResult) -> dict[str, list[int]]:
     units = result.coordinate_units or (None,) * len(result.coordinate_names)
     coordinates_by_panel = {}
     for panel_unit, title in _PANEL_TITLES.items():
-        coordinates = [k for k, unit in enumerate(units) if unit == panel_unit]
-        if coordinates:
-            coordinates_by_panel[title] = coordinates
+        indices = [k for k, unit in enumerate(units) if unit == panel_unit]
+        if indices:
+            coordinates_by_panel[title] = indices
     return coordinates_by_panel
 
 
-def _draw_coordinates(axis: style.Axes, result: SimulationResult, panel: str, places: list[int]) -> None:
-    """Draw the coordinates at some places, which have the same unit; those that move most have colours."""
-    q = result.q[:, places]
-    names = [result.coordinate_names[k] for k in places]
-    # A quaternion has three velocities, so colours are those of velocities.
-    colours = [k - result.coordinate_units[:k].count("") // _QUATERNION_SIZE for k in places]
-    coloured = style.draw_joints(axis, result.times, q, names, np.ptp(q, axis=0), colours)
-    if len(coloured) < len(places):
-        panel += f": the {len(coloured)} of {len(places)} that move most"
-    axis.set_title(panel, loc="left")
+def _draw_coordinates(axis: style.Axes, result: SimulationResult, panel: str, indices: list[int]) -> None:
+    """Draw the coordinates with these indices, which have one unit; those that move most have colours."""
+    q = result.q[:, indices]
+    names = [result.coordinate_names[k] for k in indices]
+    velocity_indices = []  # numbers of the colours; a quaternion has one velocity less
+    for k in indices:
+        earlier_quaternions = result.coordinate_units[:k].count("") // _QUATERNION_SIZE
+        velocity_indices.append(k - earlier_quaternions)
+    coloured = style.draw_joints(axis, result.times, q, names, np.ptp(q, axis=0), velocity_indices)
+    title = panel
+    if len(coloured) < len(indices):
+        title += f": the {len(coloured)} of {len(indices)} that move most"
+    axis.set_title(title, loc="left")
     _legend(axis)
 
 
 def _draw_energies(axis: style.Axes, result: SimulationResult) -> None:
-    """Draw the gains of energy since the start, and the works."""
+    """Draw the energies gained since the start, and the works."""
     for energy, label, options in (
         (result.kinetic_energy, "kinetic", {"color": style.BLUE}),
         (result.potential_energy, "potential", {"color": style.AMBER}),
@@ -110,7 +122,7 @@ def _draw_energies(axis: style.Axes, result: SimulationResult) -> None:
 
 
 def _draw_drift(axis: style.Axes, result: SimulationResult) -> None:
-    """Draw the gain of energy that no work explains."""
+    """Draw the drift: the gain of energy that no work explains."""
     axis.plot(result.times, result.drift, color=style.LINE)
     axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
     drift = residual(result.relative_drift)
@@ -150,24 +162,28 @@ def plot_trajectory(
     robot = trajectory.robot
     names = robot.model.velocity_names
     fast = trajectory if isinstance(trajectory, Fastest) else None
-    width, height = 7.5, 5.6
-    ratios = [1.0, 1.0]
+    width, height = 7.5, 5.6  # [inch]
+    ratios = [1.0, 1.0]  # heights of velocities and torques
     if fast is not None:
-        width, height = 11.25, 6.3
+        width, height = 11.25, 6.3  # [inch], with the phase plane at the right
         friction = fast.rows.friction
-        ratios.append(0.28 if fast.time_optimal is None else 1.0)  # a strip of active limits, or a panel of jerks
+        if fast.time_optimal is None:
+            ratios.append(0.28)  # strip of active limits
+        else:
+            ratios.append(1.0)  # panel of jerks
         if bounds is None:
             bounds = fast.bounds
     bounds = bounds_or_own(robot, bounds)
     t = np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
-    tau = motor_torques(robot.model, required_torques(robot, t, q, dq, ddq, friction=friction))
+    joint_torques = required_torques(robot, t, q, dq, ddq, friction=friction)
+    tau = motor_torques(robot.model, joint_torques)
     title = f"{robot.name} · {trajectory.path.name} · {trajectory.scaling.name} timing, {number(trajectory.duration)} s"
     with style.figure(width, height, title) as drawn:
-        left = cast("Any", drawn)
+        left_figure = cast("Any", drawn)
         if fast is not None:
-            left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.25, 1]))
-        axes = left.subplots(len(ratios), 1, sharex=True, height_ratios=ratios, squeeze=False)[:, 0]
+            left_figure, right_figure = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.25, 1]))
+        axes = left_figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
         curves(axes[0], t, dq, bounds.velocity, names, "velocity")
         curves(axes[1], t, tau, bounds.effort, robot.model.drive_names, "torque")
         if fast is not None:
@@ -175,7 +191,7 @@ def plot_trajectory(
                 _draw_active_limits(axes[2], fast, names)
             else:
                 curves(axes[2], t, fast.jerk(t), fast.bounds.jerk, names, "jerk")
-            _draw_phase_plane(right.subplots(), fast, names)
+            _draw_phase_plane(right_figure.subplots(), fast, names)
         axes[-1].set_xlabel("time [s]")
         legend(axes[0])
         return style.save(drawn, path)
@@ -198,7 +214,8 @@ def _draw_active_limits(axis: style.Axes, fast: Fastest, names: tuple[str, ...])
         max_letters = (contact.end - contact.begin) / fast.duration / _TIME_PER_LETTER
         if len(label) > max_letters:
             label = label.replace("_", "\n", 1)
-        if max(map(len, label.split("\n"))) <= max_letters:
+        longest_line = max(label.split("\n"), key=len)
+        if len(longest_line) <= max_letters:
             box = {"facecolor": colour, "edgecolor": "none", "pad": 1.5}
             middle = (contact.begin + contact.end) / 2
             axis.text(
@@ -215,8 +232,9 @@ def _draw_phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -
     """Draw the rate along the path over the path, under the limit curves of torques and velocities."""
     curves = fast.limit_curves()
     s, rate = curves.path
-    fastest_rates = (fast.time_optimal or fast).limit_curves().path[1]
-    top = 1.9 * float(fastest_rates.max())
+    time_optimal = fast if fast.time_optimal is None else fast.time_optimal
+    fastest_s, fastest_rate = time_optimal.limit_curves().path
+    top = 1.9 * float(fastest_rate.max())  # of the axis: limit curves above the motion are seen
     far_above = 10 * top  # in place of infinite limits
     bound = np.minimum(np.minimum(curves.torque, curves.velocity), far_above)
     axis.fill_between(curves.s, bound, far_above, color=style.OVER, alpha=0.08, linewidth=0)
@@ -230,7 +248,7 @@ def _draw_phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -
         axis.plot(curves.s, curve, "--", color=style.QUIET, linewidth=1.2, label="largest joint velocity")
     if fast.time_optimal is not None:
         axis.plot(s, rate, color=style.LINE, linewidth=2.0, label="motion within the limits of jerk")
-        axis.plot(*fast.time_optimal.limit_curves().path, ":", color=style.LINE, label="fastest without them")
+        axis.plot(fastest_s, fastest_rate, ":", color=style.LINE, label="fastest without them")
     else:
         _draw_rate_by_joint(axis, fast, names)
     style.titles(axis, "phase plane")
@@ -243,14 +261,16 @@ def _draw_rate_by_joint(axis: style.Axes, fast: Fastest, names: tuple[str, ...])
     curves = fast.limit_curves()
     s, rate = curves.path
     axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by limiting joint")
-    ends = [*(contact.s for contact in fast.limit_contacts[1:]), 1.0]  # each where the next one begins
+    next_begins = [contact.s for contact in fast.limit_contacts[1:]]
+    ends = [*next_begins, 1.0]  # the last one ends with the path
     for contact, end in zip(fast.limit_contacts, ends, strict=True):
-        part = (s >= contact.s) & (s <= end)
+        part = (s >= contact.s) & (s <= end)  # samples
         colour = style.SERIES[names.index(contact.joint) % len(style.SERIES)]
         dashes = ":" if contact.kind == "velocity" else "-"
         axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=dashes)
     options: dict[str, Any] = {"color": style.PAPER, "markeredgecolor": style.LINE, "markersize": 5}
-    axis.plot(*curves.switches, "o", label="another limit takes over", **options)
+    switch_s, switch_rate = curves.switches
+    axis.plot(switch_s, switch_rate, "o", label="another limit takes over", **options)
 
 
 complete(globals())
