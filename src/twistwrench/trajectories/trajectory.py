@@ -160,7 +160,7 @@ class Trajectory(TrajectoryDoors):
         return float(self.scaling.duration)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """q (..., nq), dq and ddq (..., nv) at t (...) [s]; before and after, the robot rests at the ends. MR eq. 9.1 to 9.3."""
+        """q (..., nq), dq and ddq (..., nv) at t (...) [s]; before and after, the robot rests at an end. MR eq. 9.1 to 9.3."""
         s, ds, dds = self.scaling(t)
         q, dq_ds, ddq_dds = self.path(s)
         ds, dds = ds[..., None], dds[..., None]
