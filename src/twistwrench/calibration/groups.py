@@ -20,9 +20,9 @@ from .fit import CalibrationFit, Estimate, IndependentParameters
 # are nearly parallel would otherwise give groups of 440 m, as in Denavit and Hartenberg's table.
 
 _CLEAR_REMAINDER = 5e-2
-"""Remainder of a column beside the kept ones, as a share of its length, from which it is independent in the first pass."""
+"""Length of a column without its part along the kept columns, as a share of its length, from which the first pass keeps it."""
 _MIN_REMAINDER = 1e-3
-"""The same in the second pass."""
+"""Such a share from which the second pass keeps a column."""
 _CLEAR_LENGTH = 1e-3
 """Length of a column, as a share of the longest, below which the first pass leaves it out.
 
@@ -30,11 +30,11 @@ The zero of a joint whose axis goes through the target has a short column."""
 _MIN_LENGTH = 1e-9
 """Length of a column, as a share of the longest, below which it consists of rounding errors."""
 _MAX_RESIDUAL_RATIO = 1.05
-"""Largest ratio of the residual with one parameter of each group to that with all parameters."""
+"""Largest ratio of two residuals: with one parameter of each group, and with all parameters."""
 _MAX_CHOICES = 4
 """Largest number of times that a parameter is chosen for each group."""
 _MIN_FACTOR = 1e-4
-"""Smallest factor of a further term of a group."""
+"""Smallest factor of a group's terms after the first."""
 
 # Readings do not show all that moves the tip if the predicted error of the tip is large against its part by noise, or against
 # both the file's error and the noise of a reading.
@@ -44,6 +44,8 @@ _MAX_SHARE_OF_FILE_ERROR = 0.1
 _MAX_RATIO_TO_READING_NOISE = 2.0
 _NEGLIGIBLE_ERROR = 1e-6
 """Predicted error of the tip [m] that is negligible."""
+_WIDE_DEVIATION = 10.0
+"""Standard deviation of the unknowns of targets before any reading [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +55,15 @@ class ParameterGroup:
     name: str
     """Parameter that leads the group."""
     terms: Mapping[str, float]
-    """Factor of each parameter."""
+    """Factor of each parameter by its name; 1 for the leading one."""
     value: float
-    """Sum of factors times parameters [rad, m]."""
+    """Sum of factors times parameters, in :attr:`unit`."""
     deviation: float
     """Standard deviation of the value."""
     freedom: float
     """Degrees of freedom of the deviation."""
     is_length: bool
-    """True for m; False for rad."""
+    """True if the value is in m, False if in rad; gears and sags have units of their own."""
 
     @property
     def unit(self) -> str:
@@ -83,26 +85,27 @@ class ParameterGroup:
         return text
 
     def half_width(self, level: float = 0.95) -> float:
-        """Half the interval at a level.
+        """Half the width of the confidence interval at a level.
 
         Parameters
         ----------
-        level : float
+        level : float, confidence level, 0 to 1
 
         Returns
         -------
-        width : float [rad, m]
+        width : float, in the unit of the value
 
         Examples
         --------
         >>> round(ParameterGroup("tip.x", {"tip.x": 1.0}, 0.0, 1.0, 1e9, True).half_width(), 2)
         1.96
         """
-        return float(student_quantile(max(self.freedom, 1.0), level) * self.deviation)
+        quantile = student_quantile(max(self.freedom, 1.0), level)
+        return float(quantile * self.deviation)
 
 
-def _order(name: str) -> int:
-    """Preference of a parameter as the name of a group: targets, tip, zeros, lengths, gears, sags, angles.
+def _preference(name: str) -> int:
+    """Rank of a parameter as the leader of a group, 0 is preferred: targets, tip, zeros, lengths, gears, sags, angles.
 
     The tip comes before zeros, since the way in which a target is mounted is not an error of the last joint.
     """
@@ -113,7 +116,8 @@ def _order(name: str) -> int:
         return 1
     if kind in LENGTHS:
         return 3
-    return {"zero": 2, "gear": 4, "sag": 5}.get(kind, 6)
+    angles = 6
+    return {"zero": 2, "gear": 4, "sag": 5}.get(kind, angles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,26 +129,27 @@ class ParameterGroups:
 
     @cached_property
     def independent_columns(self) -> list[int]:
-        """Independent columns: those that were fitted, or those found by Gram-Schmidt in the order of preference."""
+        """Indices of independent columns: those that were fitted, or those found by Gram-Schmidt in the order of preference."""
         if self.fit.problem.independent is not None:
             return list(self.fit.problem.independent.columns)
-        (A, _), names = self.fit.weighted_rows, self.fit.names
+        A, _ = self.fit.weighted_rows
+        names = self.fit.names
         lengths = np.linalg.norm(A, axis=0)
-        order = sorted(range(len(names)), key=lambda k: _order(names[k]))
+        preferred_first = sorted(range(len(names)), key=lambda k: _preference(names[k]))
         Q = np.zeros((len(A), 0))  # orthonormal basis of the kept columns
-        kept = list[int]()
+        kept_columns = list[int]()
         passes = ((_CLEAR_REMAINDER, _CLEAR_LENGTH), (_MIN_REMAINDER, _MIN_LENGTH))
-        for (min_remainder, min_length), k in product(passes, order):
-            if k in kept or lengths[k] < min_length * lengths.max():
+        for (min_remainder, min_length), k in product(passes, preferred_first):
+            if k in kept_columns or lengths[k] < min_length * lengths.max():
                 continue
             v = A[:, k] / lengths[k]
             for _ in range(2):  # twice, to limit rounding errors
                 v = v - Q @ (Q.T @ v)
             remainder = float(np.linalg.norm(v))
             if remainder > min_remainder:
-                kept.append(k)
+                kept_columns.append(k)
                 Q = np.c_[Q, v / remainder]
-        return kept
+        return kept_columns
 
     @property
     def rank(self) -> int:
@@ -153,14 +158,14 @@ class ParameterGroups:
 
     @cached_property
     def theory(self) -> int:
-        """Rank of many different readings, in theory.
+        """Rank in theory, if readings are many and different.
 
-        The chain's part is that of the kind of reading that determines most.
+        The rank of the chain is that by the target whose kind of reading determines most.
         """
         chain, targets = self.fit.problem.chain, self.fit.state.targets
-        turning = sum(chain.turning)
-        sliding = len(chain.turning) - turning
-        chain_ranks = [target.freedom(turning, sliding) - len(target.names) for target in targets]
+        turning_count = sum(chain.turning)
+        sliding_count = len(chain.turning) - turning_count
+        chain_ranks = [target.freedom(turning_count, sliding_count) - len(target.names) for target in targets]
         target_unknowns = sum(len(target.names) for target in targets)
         gears = len(chain.joints) if "gears" in chain.assume else 0
         sags = len(chain.loaded_joints)
@@ -168,24 +173,30 @@ class ParameterGroups:
 
     @cached_property
     def covariance(self) -> Array:
-        """(k, k) covariance of the independent parameters, with the prior of the fit."""
+        """Covariance (k, k) of the independent parameters, with the prior of the fit."""
         A, y = self.fit.weighted_rows
-        kept = list(self.independent.columns)
+        columns = list(self.independent.columns)
         prior = self.independent.prior(self.fit.problem.wide)
-        kept_of_chain = kept[: len(prior)]  # targets have no prior
-        N = (A.T @ A)[np.ix_(kept, kept)]
-        N[: len(prior), : len(prior)] += (prior.T @ prior)[np.ix_(kept_of_chain, kept_of_chain)]
-        size = np.sqrt(N.diagonal()) + 1e-300
+        columns_of_chain = columns[: len(prior)]  # targets have no prior
+        information = A.T @ A
+        prior_information = prior.T @ prior
+        N = information[np.ix_(columns, columns)]
+        N[: len(prior), : len(prior)] += prior_information[np.ix_(columns_of_chain, columns_of_chain)]
+        size = np.sqrt(N.diagonal()) + 1e-300  # not zero
         scales = np.outer(size, size)  # radians and metres differ widely
-        inverse = np.linalg.inv(N / scales + 1e-13 * np.eye(len(N))) / scales
+        regular = N / scales + 1e-13 * np.eye(len(N))  # despite rounding errors
+        inverse = np.linalg.inv(regular) / scales
         residual_variance = max(float(y @ y) / self.freedom, 1e-12)
         return np.asarray(inverse * residual_variance)
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom of the residual."""
-        used = sum(float((W[:, -1] > 0).sum()) * W.shape[1] for W in self.fit.weights)  # rows
-        return max(used - self.rank, 1.0)
+        used_rows = 0.0
+        for W in self.fit.weights:
+            used_readings = float((W[:, -1] > 0).sum())
+            used_rows += used_readings * W.shape[1]
+        return max(used_rows - self.rank, 1.0)
 
     @cached_property
     def independent(self) -> IndependentParameters:
@@ -194,16 +205,17 @@ class ParameterGroups:
             return self.fit.problem.independent
         A, _ = self.fit.weighted_rows
         p = len(self.fit.problem.chain.parameters)
-        kept = sorted(self.independent_columns, key=lambda k: k >= p)  # first those of the chain
-        dependent = [k for k in range(p) if k not in kept]
-        size = np.linalg.norm(A[:, kept], axis=0)
-        K = np.linalg.lstsq(A[:, kept] / size, A[:, dependent], rcond=None)[0] / size[:, None]
+        columns = sorted(self.independent_columns, key=lambda k: k >= p)  # columns of the chain before those of targets
+        dependent_columns = [k for k in range(p) if k not in columns]
+        size = np.linalg.norm(A[:, columns], axis=0)
+        scaled_factors, *_ = np.linalg.lstsq(A[:, columns] / size, A[:, dependent_columns], rcond=None)
+        K = scaled_factors / size[:, None]
         K[np.abs(K) < _MIN_FACTOR] = 0.0
-        chain_count = sum(k < p for k in kept)
-        terms = np.zeros((chain_count, p))
-        terms[np.arange(chain_count), kept[:chain_count]] = 1.0
-        terms[:, dependent] = K[:chain_count]
-        return IndependentParameters(tuple(kept), terms)
+        group_count = sum(k < p for k in columns)  # of the chain
+        terms = np.zeros((group_count, p))
+        terms[np.arange(group_count), columns[:group_count]] = 1.0
+        terms[:, dependent_columns] = K[:group_count]
+        return IndependentParameters(tuple(columns), terms)
 
     @cached_property
     def values(self) -> Array:
@@ -215,10 +227,12 @@ class ParameterGroups:
     def all(self) -> list[ParameterGroup]:
         """Groups of the chain's parameters, in the order of preference."""
         chain = self.fit.problem.chain
-        deviations = np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
+        variances = np.maximum(self.covariance.diagonal(), 0.0)
+        deviations = np.sqrt(variances)
         groups = []
-        for row, value in enumerate(self.values):  # targets, whose unknowns are not listed, come after these rows
-            k, factors = self.independent.columns[row], self.independent.terms[row]
+        for row, value in enumerate(self.values):  # unknowns of targets, which are not listed, have later rows
+            k = self.independent.columns[row]
+            factors = self.independent.terms[row]
             name = chain.parameters[k]
             others = {chain.parameters[j]: float(factors[j]) for j in np.flatnonzero(factors) if j != k}
             terms = {name: 1.0} | others
@@ -228,13 +242,14 @@ class ParameterGroups:
 
 
 def fitted_in_groups(fit: CalibrationFit) -> CalibrationFit:
-    """Fit of one parameter of each group, with the others as in the file.
+    """Fit of one parameter of each group; the other parameters keep their values in the file.
 
-    A group's value is linear in its parameters only for small ones: an offset of 5° that is distributed over the joints of
+    A group's value is linear in its parameters only if these are small: an offset of 5° that is distributed over the joints of
     parallel axes adds up to less. With one parameter, the value is exact.
 
-    The fit stays as it is in three cases. If readings lack a length, or determine fewer groups than others would, the file
-    decides, and all of its lengths are better than few. Or one parameter of each group does not fit as well.
+    The fit is returned unchanged in three cases: the readings lack a length; they determine fewer groups than other readings
+    would; one parameter of each group does not fit as well. In the first two cases, the file decides, and all of its lengths
+    are better than few.
     """
     chain = fit.problem.chain
     grouped_fit = fit
@@ -276,38 +291,50 @@ class Remaining:
     fit: CalibrationFit
     """Solution and its linearisation."""
     q: Array
-    """(N, nq) configurations of the average."""
+    """Configurations (N, nq) over which errors are averaged."""
     file_accuracy: tuple[float, float]
     """Standard deviations of the file's lengths [m] and axes [rad]."""
 
     @cached_property
     def wide(self) -> Array:
-        """(p + targets,) standard deviations of all parameters by the file; those of tip and targets are wide."""
+        """Standard deviations of all parameters before any reading: by the file, and wide ones for tip and targets."""
         length, angle = self.file_accuracy
         chain_deviations = self.fit.problem.chain.scales(angle, length, gear=1e-3, sag=1e-3, tip=(0.5, 0.3))
-        target_count = len(self.fit.names) - len(chain_deviations)
-        return np.concatenate([chain_deviations, np.full(target_count, 10.0)])
+        target_unknowns = len(self.fit.names) - len(chain_deviations)
+        return np.concatenate([chain_deviations, np.full(target_unknowns, _WIDE_DEVIATION)])
 
-    @cached_property
-    def _information(self) -> tuple[Array, Array]:
-        """Eigenvalues and eigenvectors of A' W A, for parameters in units of the file's deviations."""
-        A, _ = self.fit.weighted_rows
-        S = A * self.wide
+    def _information(self, weighted_rows: Array) -> tuple[Array, Array]:
+        """Eigenvalues and eigenvectors of A' W A of some weighted rows, for parameters in units of :attr:`wide`."""
+        S = weighted_rows * self.wide
         values, U = np.linalg.eigh(S.T @ S)
         return np.maximum(values, 0.0), U
+
+    @cached_property
+    def _information_of_fit(self) -> tuple[Array, Array]:
+        """:meth:`_information` of the fit's rows."""
+        A, _ = self.fit.weighted_rows
+        return self._information(A)
 
     def _columns(self, q: Array) -> tuple[Array, Array]:
         """Velocities of the tip by each parameter (N, 3, p), and by a rigid motion of the base (N, 3, 6)."""
         chain = self.fit.problem.chain
         T, J = chain.poses(q, chain.loads(q), self.fit.state.corrections)
-        rigid = np.concatenate([-so3.hat(T[:, :3, 3]), np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=2)
-        return point_columns(T, J), rigid
+        by_turning = -so3.hat(T[:, :3, 3])
+        by_sliding = np.broadcast_to(np.eye(3), (len(q), 3, 3))
+        return point_columns(T, J), np.concatenate([by_turning, by_sliding], axis=2)
 
     @cached_property
-    def _base(self) -> Array:
+    def _base_motions(self) -> Array:
         """Rigid motion (6, p) of the base that is nearest to each parameter's velocities over the configurations."""
-        J, rigid = self._columns(self.q)
-        return np.linalg.lstsq(rigid.reshape(-1, 6), J.reshape(-1, J.shape[2]), rcond=None)[0]
+        J, J_base = self._columns(self.q)
+        base_motions, *_ = np.linalg.lstsq(J_base.reshape(-1, 6), J.reshape(-1, J.shape[2]), rcond=None)
+        return base_motions
+
+    def _scaled_columns(self, q: Array) -> Array:
+        """Velocities (N, 3, p) of the tip by a standard deviation of each parameter, without rigid motions of the base."""
+        J, J_base = self._columns(q)
+        p = J.shape[2]
+        return np.asarray((J - J_base @ self._base_motions) * self.wide[:p])
 
     def squares(self, q: Array, added: Array | None = None) -> tuple[Array, Array]:
         """Expected square of the error at each configuration, and its part by noise.
@@ -315,22 +342,19 @@ class Remaining:
         Parameters
         ----------
         q : (N, nq) array
-        added : (k, p) array, optional, further weighted rows
+        added : (k, p) array, optional, weighted rows of k readings in addition to those of the fit
 
         Returns
         -------
         squares : two (N,) arrays [m²]
         """
-        J, rigid = self._columns(q)
+        J = self._scaled_columns(q)
         p = J.shape[2]
-        J = (J - rigid @ self._base) * self.wide[:p]
         if added is None:
-            values, U = self._information
+            values, U = self._information_of_fit
         else:
             A, _ = self.fit.weighted_rows
-            S = np.concatenate([A, added]) * self.wide
-            values, U = np.linalg.eigh(S.T @ S)
-            values = np.maximum(values, 0.0)
+            values, U = self._information(np.concatenate([A, added]))
         # C = U diag(1 / (1 + λ)) U'; its part by noise is C (A' W A) C = U diag(λ / (1 + λ)²) U'
         squared_velocities = (J @ U[:p]) ** 2
         squares = (squared_velocities @ (1.0 / (1.0 + values))).sum(axis=1)
@@ -339,33 +363,35 @@ class Remaining:
 
     @cached_property
     def by_file(self) -> float:
-        """Root mean square over the configurations without any reading [m]; the target's place on the tip is known."""
-        J, rigid = self._columns(self.q)
-        errors = (J - rigid @ self._base) * self.wide[: J.shape[2]]
-        error = errors[..., :-6]  # without the six parameters of the tip
-        return float(np.sqrt((error**2).sum(axis=(1, 2)).mean()))
+        """Root mean square over the configurations without any reading [m], if the target's place on the tip is known."""
+        errors = self._scaled_columns(self.q)[..., :-6]  # without the six parameters of the tip
+        squares = (errors**2).sum(axis=(1, 2))
+        return float(np.sqrt(squares.mean()))
 
     @cached_property
     def rms(self) -> float:
-        """Root mean square over the configurations [m]."""
+        """Root mean square of the predicted error over the configurations [m]."""
         squares, _ = self.squares(self.q)
         return float(np.sqrt(squares.mean()))
 
     @cached_property
     def by_noise(self) -> float:
-        """Part of :attr:`rms` by noise [m]; the other part is by directions that the measurements do not determine."""
+        """Part of :attr:`rms` by noise [m]; the other part comes from directions that the measurements do not determine."""
         _, squares_by_noise = self.squares(self.q)
         return float(np.sqrt(squares_by_noise.mean()))
 
     @property
     def is_unseen(self) -> bool:
         """True if poses or kinds of the readings, not their noise, leave a large part of the error."""
-        if self.rms > max(_MAX_RATIO_TO_NOISE_PART * self.by_noise, _NEGLIGIBLE_ERROR):
+        max_beside_noise = max(_MAX_RATIO_TO_NOISE_PART * self.by_noise, _NEGLIGIBLE_ERROR)
+        if self.rms > max_beside_noise:
             return True
-        return self.rms > max(_MAX_SHARE_OF_FILE_ERROR * self.by_file, _MAX_RATIO_TO_READING_NOISE * self.fit.noise)
+        max_beside_file = _MAX_SHARE_OF_FILE_ERROR * self.by_file
+        max_beside_reading = _MAX_RATIO_TO_READING_NOISE * self.fit.noise
+        return self.rms > max(max_beside_file, max_beside_reading)
 
     @cached_property
     def worst(self) -> float:
-        """Largest predicted error of the configurations [m]."""
+        """Largest predicted error at one of the configurations [m]."""
         squares, _ = self.squares(self.q)
         return float(np.sqrt(squares.max()))

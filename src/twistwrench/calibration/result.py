@@ -33,7 +33,11 @@ if TYPE_CHECKING:
     from ..core.answers.page import Setting
 
 _MIN_STATED_SHIFT = 1e-6
-"""Smallest displacement of the tip [m] that is stated where no file can have it."""
+"""Smallest displacement of the tip [m] about which there is a note, if no file can have it."""
+_MIN_GAIN = 3.0
+"""Ratio of the tip's error by the file's tolerances to its error now, from which the file needs no correction."""
+_MAX_RATIO_TO_FLOOR = 2.0
+"""Largest ratio of the error before calibration to the smallest that readings can show, with which nothing is to correct."""
 PREFIX = "calibration-"
 """Beginning of the doubts' names in the table."""
 
@@ -60,13 +64,13 @@ class CalibratedRobot(Answer):
     call: ClassVar[str] = "calibrate"
 
     original: Robot
-    """Robot as its file has it."""
+    """Robot with the geometry in its file."""
     fit: CalibrationFit
-    """Solution with its linearisation."""
+    """Fit of the geometry, with its linearisation."""
     plain: CalibrationFit
-    """Fit of targets and tip alone, with the file as it is."""
+    """Fit of targets and tip alone, with the geometry in the file."""
     held_out: HeldOutError
-    """Error of readings that were not used."""
+    """Error of readings that were not used in their fits."""
     doubts: tuple[Doubt, ...]
     """Reasons against OK, and notes; the most severe first."""
     file_accuracy: tuple[float, float]
@@ -76,7 +80,7 @@ class CalibratedRobot(Answer):
     settings: Mapping[str, Any]
     """Options of the call."""
     files: Mapping[str, str]
-    """Files of the question."""
+    """Files of the measurements, by the argument that names them."""
 
     # ── What was found
 
@@ -103,6 +107,7 @@ class CalibratedRobot(Answer):
 
     @cached_property
     def _group_list(self) -> list[ParameterGroup]:
+        """Groups of the chain's parameters, without targets."""
         return self.parameter_groups.all
 
     @property
@@ -145,7 +150,7 @@ class CalibratedRobot(Answer):
         return np.stack([self.values - half_widths, self.values + half_widths], axis=1)
 
     def _joint_estimates(self, kind: str) -> dict[str, tuple[float, float]]:
-        """Value and half width by joint, of the groups whose first parameter is of a kind: ``zero``, ``sag``, ``gear``."""
+        """Value and half width by joint, of the groups led by a parameter of a kind: ``zero``, ``sag`` or ``gear``."""
         ending = f".{kind}"
         estimates = {}
         for group in self._group_list:
@@ -158,7 +163,7 @@ class CalibratedRobot(Answer):
     def zeros(self) -> dict[str, tuple[float, float]]:
         """Offset of each joint's zero, and half its 95 % interval [rad or m].
 
-        Some zeros cannot be distinguished from the mounting of the target and are left out, such as that of the last joint
+        Zeros that cannot be distinguished from the mounting of the target are left out, such as the zero of the last joint
         if poses are measured.
         """
         return self._joint_estimates("zero")
@@ -182,24 +187,25 @@ class CalibratedRobot(Answer):
     def tip_note(self) -> str:
         """Sentence on a displacement of the tip that no file can have; empty if :attr:`robot` has it."""
         chain = self.fit.problem.chain
-        shift = (np.asarray(se3.inverse(chain.start.tip)) @ self.tip_pose)[:3, 3]
+        start_to_tip = np.asarray(se3.inverse(chain.start.tip)) @ self.tip_pose
+        shift = start_to_tip[:3, 3]
         if chain.moves_tip or not np.linalg.norm(shift) > _MIN_STATED_SHIFT:
             return ""
-        place = ", ".join(number(1e3 * x, 3) for x in shift)  # mm
+        shift_in_mm = ", ".join(number(1e3 * x, 3) for x in shift)
         return (
-            f"The target is at ({place}) mm in {chain.frame}. A file cannot have this displacement, as {chain.frame} is the "
-            f"frame of {chain.joints[-1]}: in a written robot the target is at .tip_pose. "
+            f"The target is at ({shift_in_mm}) mm in {chain.frame}. A file cannot have this displacement, as {chain.frame} is "
+            f"the frame of {chain.joints[-1]}: in a written robot the target is at .tip_pose. "
             f"To have it written, name a frame that is fixed to the link: {argument('tip', 'FRAME')}."
         )
 
     @property
     def target_pose(self) -> Array:
-        """(4, 4) pose of the first measurement's target: of the base in the tracker's frame, or of the centre in the base."""
+        """(4, 4) pose by the first measurement: of the base in the tracker's frame, or of the target's centre in the base."""
         return self.fit.state.targets[0].frame()
 
     @property
     def outliers(self) -> list[tuple[int, float]]:
-        """Rows, from 0, and errors [m] of left-out readings that contradict the others; the largest error first."""
+        """Row (from 0) and error [m] of each left-out reading that contradicts the others; the largest error first."""
         return [(row, error) for _, row, error in self.fit.outliers]
 
     @property
@@ -211,13 +217,13 @@ class CalibratedRobot(Answer):
 
     @property
     def measures_tip(self) -> bool:
-        """True if all readings are places of the tip; False if some are distances or touches."""
+        """True if all readings are poses or positions of the tip; False if some are distances or touches."""
         # only measurements of poses and positions have points
         return all(len(measurement.points) for measurement in self.fit.problem.measured)
 
     @cached_property
     def errors_before(self) -> Array:
-        """(readings,) sizes [m] of the residuals with the file as it is."""
+        """Sizes [m] of the residuals of all readings, with the geometry in the file."""
         return np.concatenate(self.plain.errors)
 
     @property
@@ -227,12 +233,14 @@ class CalibratedRobot(Answer):
         Only readings of poses and positions have error vectors; others are left out.
         """
         no_rows = np.zeros((0, 3))  # concatenate needs an array, also without poses and positions
-        points, before, after = [no_rows], [no_rows], [no_rows]
+        points = [no_rows]
+        before = [no_rows]
+        after = [no_rows]
         for k, target in enumerate(self.fit.state.targets):
             target_before = self.plain.state.targets[k]
             if not isinstance(target, FrameTarget) or not isinstance(target_before, FrameTarget):
                 continue
-            # X maps the base to the tracker's frame; rows times R = R' applied to each vector, back to the base
+            # X maps the base to the tracker's frame. A row times R is R' times the vector: back to the base.
             R, p = target.X[:3, :3], target.X[:3, 3]
             R_before = target_before.X[:3, :3]
             points.append((target.given.points - p) @ R)
@@ -243,15 +251,15 @@ class CalibratedRobot(Answer):
 
     @cached_property
     def before(self) -> float:
-        """Error [m] (rms) of the readings with the file as it is; target and tip fitted."""
+        """Error [m] (rms) of the used readings with the geometry in the file, if target and tip are fitted."""
         is_used = np.concatenate([W[:, -1] > 0 for W in self.fit.weights])
         return float(np.sqrt(np.mean(self.errors_before[is_used] ** 2)))
 
     @cached_property
     def remaining_before(self) -> float:
-        """Predicted error of the tip [m] (rms) with the file as it is.
+        """Predicted error of the tip [m] (rms) with the geometry in the file.
 
-        Root of the squared change by the calibration, without rigid motion of the base, plus the squared remaining error.
+        Its square is the sum of two squares: change by the calibration, without rigid motion of the base; and remaining error.
         """
         chain = self.fit.problem.chain
         after = chain.tips(self.reference, self.fit.state.corrections)[:, :3, 3]
@@ -263,11 +271,11 @@ class CalibratedRobot(Answer):
 
     @cached_property
     def remaining(self) -> Remaining:
-        """Predicted error of the tip over 500 configurations: ``rms``, ``worst`` [m]."""
+        """Predicted error of the tip over the configurations :attr:`reference`: ``rms``, ``worst`` [m]."""
         return Remaining(self.fit, self.reference, self.file_accuracy)
 
     def remaining_at(self, q: ArrayLike) -> Array:
-        """Predicted error of the tip at configurations, the base's rigid motion taken out.
+        """Predicted error of the tip at configurations, without a rigid motion of the base.
 
         Parameters
         ----------
@@ -278,7 +286,7 @@ class CalibratedRobot(Answer):
         error : (n,) array [m], rms
         """
         configurations = np.atleast_2d(arguments.finite(q, "q", self.original.nq))
-        squared_errors = self.remaining.squares(configurations)[0]
+        squared_errors, _ = self.remaining.squares(configurations)
         return np.asarray(np.sqrt(squared_errors))
 
     @property
@@ -288,18 +296,21 @@ class CalibratedRobot(Answer):
 
     @property
     def needs_nothing(self) -> bool:
-        """True if the file is as accurate as the measurements can show, and these determine all that moves the tip."""
+        """True if the file needs no correction.
+
+        It is then as accurate as the measurements can show, and these determine all that moves the tip.
+        """
         if self.remaining.is_unseen:
             return False
-        if self.remaining_before > self.remaining.by_file / 3.0:
+        if self.remaining_before > self.remaining.by_file / _MIN_GAIN:
             return False
-        return max(self.before, self.remaining_before) <= 2.0 * self.floor
+        return max(self.before, self.remaining_before) <= _MAX_RATIO_TO_FLOOR * self.floor
 
     # ── The answer on every surface
 
     @cached_property
     def verdict(self) -> Verdict:
-        """LOOK AGAIN if readings contradict the robot, UNSURE if they leave a part unseen, or OK."""
+        """LOOK AGAIN if readings contradict the robot, UNSURE if they do not show all that moves the tip, otherwise OK."""
         return verdict_from_doubts(self.doubts)
 
     def __repr__(self) -> str:
@@ -364,9 +375,9 @@ class CalibratedRobot(Answer):
             groups.append({"name": group.text, "terms": dict(group.terms), **figures})
         doubts = []
         for doubt in self.doubts:
-            name, joints = doubt.kind.removeprefix(PREFIX), list(doubt.joints)
-            entry = {"name": name, "joints": joints, "value": doubt.value, "unit": doubt.unit, "sentence": str(doubt)}
-            doubts.append(entry)
+            name = doubt.kind.removeprefix(PREFIX)
+            figures = {"value": doubt.value, "unit": doubt.unit}
+            doubts.append({"name": name, "joints": list(doubt.joints), **figures, "sentence": str(doubt)})
         return super().to_dict() | {
             "doubts": doubts,
             "before": self.before,
@@ -415,7 +426,7 @@ class CalibratedRobot(Answer):
         return write_geometry(self.original, self.robot, self.fit.problem.chain.frame, path, figures(self))
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write a row for each reading: number, error [m] (and [rad] of poses), and whether it was used.
+        """Write a row for each reading: number, error [m], for poses also the angle [rad], and whether the reading was used.
 
         Parameters
         ----------

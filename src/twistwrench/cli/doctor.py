@@ -16,12 +16,14 @@ from .skin import Asked, OutputFile, command_of, picture_file
 
 
 def _repairs_text(report: DoctorReport) -> str:
-    """Number of repairs in the written file."""
-    count = len(report.repairs)
-    return f", with {count} repair" if count == 1 else f", with {count} repairs"
+    """Clause on the number of repairs in the written file."""
+    repair_count = len(report.repairs)
+    noun = "repair" if repair_count == 1 else "repairs"
+    return f", with {repair_count} {noun}"
 
 
 def _changes_links(report: DoctorReport) -> bool:
+    """True if a picture can show changed inertias of links."""
     from ..viz.plots.diagnosis import links_drawn
 
     return bool(links_drawn(report))
@@ -69,7 +71,7 @@ def doctor_command(
                 f"--meshes {folder!r} is not a folder. Give the one that holds the meshes or their package."
             )
     if xacro is None and Path(source).suffix.lower() == XACRO_ENDING:
-        xacro = {}  # without arguments, as every command expands it
+        xacro = {}  # every command expands such a file, without arguments if none are given
     robot: str | Path | Robot = robot_source(source)
     if xacro is not None and not isinstance(robot, Robot):
         robot = load(robot, xacro=xacro, inertia="accept", floating_base=floating_base, model=model)
@@ -82,7 +84,9 @@ def doctor_command(
 @command_of("verify", verify, examples=("verify ur5",))
 def verify_command(robot: RobotOptions, asked: Asked) -> VerifyReport:
     """Check the dynamics of a robot against independent formulas and libraries. Exit code: 1 if one disagrees."""
-    loaded = robot.load()
-    if loaded.nv == 0:
-        raise ValueRangeError(f"nothing to check: {loaded.name!r} has no joint that moves; load with --floating-base.")
-    return verify(loaded, **asked)
+    loaded_robot = robot.load()
+    if loaded_robot.nv == 0:
+        raise ValueRangeError(
+            f"nothing to check: {loaded_robot.name!r} has no joint that moves; load with --floating-base."
+        )
+    return verify(loaded_robot, **asked)

@@ -51,7 +51,7 @@ class Colour:
 
 
 COLOURS: Mapping[Style, Colour] = MappingProxyType(
-    {
+    {  # name, terminal, light, dark, plot, scene
         Style.OVER: Colour("red", "red", "#b5301f", "#ff8a7a", "#c0392b", (0.84, 0.20, 0.16)),
         Style.NEAR: Colour("amber", "yellow", "#8a4b08", "#f0b46a", "#c98500", (0.93, 0.72, 0.13)),
         Style.GOOD: Colour("green", "green", "#14703f", "#6fd39b", "#009e73", (0.30, 0.72, 0.60)),
@@ -59,7 +59,7 @@ COLOURS: Mapping[Style, Colour] = MappingProxyType(
         Style.QUIET: Colour("grey", "dim", "#5b6672", "#a3afbc", "#6b7079", (0.45, 0.52, 0.62)),
     }
 )
-"""Colours that carry a meaning; text in them has a contrast of at least 4.5 : 1 on light and on dark pages."""
+"""Colour of each meaning; coloured text has a contrast of at least 4.5 : 1 on light and on dark pages."""
 
 
 def strong(style: Style) -> str:
@@ -91,20 +91,21 @@ def word_style(word: str) -> str:
 
 
 def terminal_style(names: str) -> str:
-    """Terminal's names of colours and attributes for the style of a piece of text.
+    """Names of the terminal's colours and attributes for the style of a piece of text.
 
     Examples
     --------
     >>> terminal_style("strong over")
     'bold red'
     """
-    return " ".join("bold" if name == Style.STRONG else COLOURS[Style(name)].terminal for name in names.split())
+    terminal_names = ["bold" if name == Style.STRONG else COLOURS[Style(name)].terminal for name in names.split()]
+    return " ".join(terminal_names)
 
 
 def page_colours() -> str:
-    """Style sheet with the colours as variables of a page, for light and for dark screens.
+    """Style sheet that defines the colours as variables, for light and for dark screens.
 
-    Paper is white, so print has the light colours even if the screen is dark.
+    Prints have the light colours, since paper is white.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """Table of doubts about logs: test, threshold, rate of false alarms and remedy of each doubt.
 
-The rows are data in ``doubts.toml``. A test that finds a cause creates a :class:`Doubt` from the row of that name.
+The rows are data in ``doubts.toml``. A test that finds a cause creates a :class:`Doubt` from the row named like the cause.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class DoubtKind:
     reads : tuple of str, commands that raise the doubt: ``motion``, ``torques``, ``identify``, ``sensor``, ``calibrate``,
         ``servos``, ``threshold``
     tests : str, tested quantity
-    threshold : str, value of that quantity from which the doubt is raised
+    threshold : str, value of the tested quantity from which the doubt is raised
     false_alarms : float, maximum share of clean logs for which the doubt is raised
     sentence, remedy : str, with {placeholders} and arguments. An argument is written ``<assume='drift'>``, or
         ``<inertia=True|with-inertia>`` if the option of the shell has another name; each is spelled as the caller types it
-    level : str, ``refuse``, ``unsure``, ``note``, or ``effect`` (determined by the change of predicted torques)
+    level : str, ``refuse``, ``unsure``, ``note``, or ``effect``: the change of predicted torques decides between these
     unit : str, unit of the value
     """
 
@@ -59,7 +59,7 @@ def _rows(file: str) -> dict[str, dict[str, Any]]:
 
 @cache
 def undetermined_table() -> Mapping[str, tuple[str, str]]:
-    """Sentence and remedy for each quantity that no log determines, by name."""
+    """Sentence and remedy for each quantity that no log determines, by name; the remedy may be empty."""
     rows = _rows("undetermined.toml")
     return {name: (row["sentence"], row.get("remedy", "")) for name, row in rows.items()}
 
@@ -88,10 +88,10 @@ class Doubt:
     interval : (float, float), optional, 95 % interval of the value
     unit : str
     statistic : float, optional, S = Σ log(σ² without the cause / σ² with it) over the joints
-    share : float, optional, explained share of the squared residual, of the joint with the largest reduction
+    share : float, optional, share of the squared residual that the cause explains, at the joint with the largest reduction
     effect : float, optional, largest change of predicted torques in another motion, as a share of a joint's torque
     (rms)
-    remedy : str, the part of the sentence that says what to do; empty without one
+    remedy : str, the part of the sentence that says what to do; empty without a remedy
 
     Examples
     --------
@@ -161,20 +161,19 @@ def doubt(
     found: Mapping[str, Any] | None = None,
     **words: object,
 ) -> Doubt:
-    """Doubt of the row ``kind``. ``words`` fill the placeholders of its sentence and remedy, ``found`` the fields of Doubt.
+    """Doubt of the row ``kind``. ``words`` fill the placeholders of its sentence and remedy.
 
-    Arguments among the words are spelled as the caller types them. ``level`` is used instead of the row's level, and ``named``
-    instead of the joints' names in the sentence. If ``log``, the name of the file, is given, the sentence begins with it.
+    Arguments among the words are spelled as the caller types them. ``found`` are other fields of :class:`Doubt`. ``level``
+    replaces the row's level, and ``named`` the names of the joints in the sentence. If ``log``, the name of a file, is given,
+    the sentence begins with it.
     """
     row = doubt_table().get(kind)
     if row is None:
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
-    if named is None:
-        named = ", ".join(joints)
-    placeholder_values: dict[str, object] = {"joints": named, **words}
+    joints_text = ", ".join(joints) if named is None else named
+    placeholder_values: dict[str, object] = {"joints": joints_text}
     for name, word in words.items():
-        if isinstance(word, Argument):
-            placeholder_values[name] = spell(word)
+        placeholder_values[name] = spell(word) if isinstance(word, Argument) else word
     evidence = spell_out(row.sentence).format(**placeholder_values)
     remedy = spell_out(row.remedy).format(**placeholder_values)
     sentence = f"{evidence} {remedy}".strip()
@@ -188,7 +187,7 @@ def doubt(
 
 
 def verdict_from_doubts(doubts: Iterable[Doubt]) -> Verdict:
-    """Verdict for these doubts: LOOK AGAIN, UNSURE, or OK if there are only notes."""
+    """Verdict for these doubts, by their most serious level: LOOK AGAIN, UNSURE, or OK if there are only notes."""
     reasons_by_level: dict[Level, list[str]] = {"refuse": [], "unsure": [], "note": []}
     for each_doubt in doubts:
         reasons_by_level[each_doubt.level].append(Reason(each_doubt.sentence, each_doubt.remedy))

@@ -27,21 +27,30 @@ MISSING = "–"
 DIGITS = 4
 """Default number of significant digits."""
 TOLERANCE = 1e-6
-"""Fraction of a limit by which a value may exceed it and still count as at the limit: covers rounding to float32 and to six
-digits in files."""
+"""Excess over a limit, as a fraction of the limit, up to which a value counts as at the limit.
+
+It covers rounding to float32 and to six digits in files.
+"""
 _MIN_ABBREVIATED = 1e6
-"""Size from which the integer part is abbreviated to significant digits."""
+"""Magnitude from which the integer part is abbreviated to significant digits."""
 _PERCENT = 100.0
+"""Percentage of the fraction 1."""
 _MAX_ROUNDING = 1e-12
 """Rounding error of a computed number, relative to the scale of its computation."""
+_TORQUE_DECIMALS = 3
+"""Largest number of decimals of a torque, which suffices in N m, N, rad and m."""
+_LIMIT_DECIMALS = 4
+"""Number of decimals of a percentage to which limits are checked."""
+_MAX_ESTIMATE_DECIMALS = 6
+"""Number of decimals above which an estimate and its deviation are printed with significant digits."""
 
 
 def number(
     value: SupportsFloat | None, digits: int = DIGITS, *, decimals: int | None = None, missing: str = MISSING
 ) -> str:
-    """Number for display, with significant ``digits`` and at most ``decimals``, below which values are rounding errors.
+    """Number for display, with significant ``digits`` and at most ``decimals``.
 
-    ``missing`` replaces None, nan and infinity.
+    ``missing`` is the text for None, nan and infinity. Values below the last of ``decimals`` are rounding errors.
 
     >>> number(-62.2648), number(12345.6), number(0.5, decimals=3), number(2e-5, decimals=3), number(float("inf"))
     ('-62.26', '12346', '0.5', '0', '–')
@@ -54,13 +63,14 @@ def number(
     if decimals is not None:
         x = round(x, decimals)
     x += 0.0  # no negative zero
-    if 10.0**digits - 0.5 <= abs(x) < _MIN_ABBREVIATED:
+    min_whole = 10.0**digits - 0.5  # rounds to more digits before the decimal point than ``digits``
+    if min_whole <= abs(x) < _MIN_ABBREVIATED:
         return f"{x:.0f}"
     return f"{x:.{digits}g}"
 
 
 def rounded_down(value: SupportsFloat) -> str:
-    """Nonnegative number as printed by :func:`number`, but rounded down, for allowed maxima.
+    """Nonnegative number with the digits of :func:`number`, but rounded down, for allowed maxima.
 
     >>> rounded_down(11.3295), rounded_down(0.3), rounded_down(2.0), rounded_down(0.0)
     ('11.32', '0.3', '2', '0')
@@ -68,13 +78,13 @@ def rounded_down(value: SupportsFloat) -> str:
     value = float(value)
     if not 0.0 < value < math.inf:
         return number(value)
-    last_digit = 10.0 ** (math.floor(math.log10(value)) - DIGITS + 1)
-    count = math.floor(value / last_digit * (1.0 + _MAX_ROUNDING))
-    return number(count * last_digit)
+    unit_of_last_digit = 10.0 ** (math.floor(math.log10(value)) - DIGITS + 1)
+    whole_units = math.floor(value / unit_of_last_digit * (1.0 + _MAX_ROUNDING))  # 0.3 is not rounded down to 0.2999
+    return number(whole_units * unit_of_last_digit)
 
 
 def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> str:
-    """Number within a sentence, such as an error message: a given one, or a computed one with fewer ``digits``.
+    """Number within a sentence, such as an error message: six digits for a given number, fewer ``digits`` for a computed one.
 
     >>> printed(0.1234567), printed(1e-9), printed(12.3456, 3), printed(2.0, signed=True), printed(float("nan"))
     ('0.123457', '1e-09', '12.3', '+2', 'nan')
@@ -94,12 +104,13 @@ def file_number(value: float) -> str:
 def torque(value: float) -> str:
     """Computed torque, force, angle or length, with trailing zeros for easy comparison within a column.
 
-    At most three decimals, which suffice in N m, N, rad and m.
+    It has at most :data:`_TORQUE_DECIMALS`.
     """
-    if not 5e-4 <= abs(value) < _MIN_ABBREVIATED:
-        return number(value, decimals=3)
+    min_visible = 5e-4  # less rounds to zero
+    if not min_visible <= abs(value) < _MIN_ABBREVIATED:
+        return number(value, decimals=_TORQUE_DECIMALS)
     decimals = DIGITS - 1 - math.floor(math.log10(abs(value)))
-    decimals = min(max(decimals, 0), 3)
+    decimals = min(max(decimals, 0), _TORQUE_DECIMALS)
     return f"{value:.{decimals}f}"
 
 
@@ -114,7 +125,7 @@ def quantity(value: SupportsFloat | None, unit: str, digits: int = DIGITS, *, de
 
 
 def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
-    """Fraction as a percentage: a whole one, or with significant ``digits``.
+    """Fraction as a whole percentage, or as a percentage with significant ``digits``.
 
     >>> percent(0.7649), percent(0.03217, 3), percent(float("nan"))
     ('76 %', '3.22 %', '–')
@@ -132,18 +143,19 @@ def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
 
 
 def percent_of_limit(share: SupportsFloat | None) -> str:
-    """Fraction of a limit as a whole percentage; with decimals if it would otherwise be printed as 100 %, but is not.
+    """Fraction of a limit as a whole percentage; with decimals if whole percentages would show 100 % for another fraction.
 
     >>> percent_of_limit(0.7649), percent_of_limit(0.996), percent_of_limit(1.00004), percent_of_limit(1.0)
     ('76 %', '99.6 %', '100.004 %', '100 %')
     """
-    if share is None or not 0.99 < abs(float(share)) < 1.01:
+    if share is None or not 0.99 < abs(float(share)) < 1.01:  # others never print as 100 %
         return percent(share)
-    for decimals in range(5):  # limits are checked to four decimals
-        text = f"{_PERCENT * float(share):.{decimals}f}"
+    percentage = _PERCENT * float(share)
+    for decimals in range(_LIMIT_DECIMALS + 1):
+        text = f"{percentage:.{decimals}f}"
         if abs(float(text)) != _PERCENT:
             return f"{text} %"
-    return f"{_PERCENT * float(share):.0f} %"
+    return f"{percentage:.0f} %"
 
 
 def deviation(sigma: float, decimals: int = 3) -> str:
@@ -152,9 +164,9 @@ def deviation(sigma: float, decimals: int = 3) -> str:
         return MISSING
     if sigma <= 0:
         return "0"
-    last_decimal = 10.0**-decimals
-    if sigma < 0.5 * last_decimal:
-        return f"<{last_decimal:.{decimals}f}"
+    unit_of_last_decimal = 10.0**-decimals
+    if sigma < 0.5 * unit_of_last_decimal:
+        return f"<{unit_of_last_decimal:.{decimals}f}"
     if sigma >= _MIN_ABBREVIATED:
         return number(sigma, 2)
     rounded = float(f"{sigma:.1e}")
@@ -163,29 +175,33 @@ def deviation(sigma: float, decimals: int = 3) -> str:
 
 
 def estimate(value: float, sigma: float) -> tuple[str, str]:
-    """Estimate and its standard deviation, or half its interval, both rounded to the deviation's second digit."""
-    if not (math.isfinite(sigma) and sigma > 0 and math.isfinite(value)):
+    """Texts of an estimate and of ``sigma``, both rounded to the second digit of ``sigma``.
+
+    ``sigma`` is the standard deviation of the estimate, or half its interval.
+    """
+    have_common_decimals = math.isfinite(sigma) and sigma > 0 and math.isfinite(value)
+    if not have_common_decimals:
         return number(value), number(sigma, 2)
     decimals = _decimals(sigma)
-    if decimals > 6 or max(abs(value), sigma) >= _MIN_ABBREVIATED:
+    if decimals > _MAX_ESTIMATE_DECIMALS or max(abs(value), sigma) >= _MIN_ABBREVIATED:
         return number(value), number(sigma, 2)
     return _rounded_text(value, decimals), _rounded_text(sigma, decimals)
 
 
 def _rounded_text(x: float, decimals: int) -> str:
-    """Number rounded to decimals; negative ones round to a power of ten."""
+    """Number rounded to decimals; a negative number of decimals rounds to tens, hundreds, …."""
     rounded = round(x, decimals) + 0.0  # no negative zero
     return f"{rounded:.{max(decimals, 0)}f}"
 
 
 def plus_minus(value: SupportsFloat, sigma: SupportsFloat, unit: str = "") -> str:
-    """Estimate with its standard deviation, or half its interval, as one text."""
+    """Text of an estimate ± ``sigma``: its standard deviation, or half its interval."""
     text = " ± ".join(estimate(float(value), float(sigma)))
     return f"{text} {unit}" if unit else text
 
 
 def seconds(time: float, decimals: int = 3) -> str:
-    """Time within a motion, without its unit; four decimals distinguish the rows of a fast log."""
+    """Time within a motion [s], without its unit; rows of a fast log need four ``decimals``."""
     return f"{time:.{decimals}f}"
 
 
@@ -197,7 +213,7 @@ def residual(value: float) -> str:
 
 
 def vector(x: Array, digits: int = 6) -> str:
-    """Vector (n,) of numbers or symbols in parentheses; rounding errors relative to large entries print as zero.
+    """Vector (n,) of numbers or symbols in parentheses; rounding errors relative to its largest entry print as zero.
 
     >>> vector(np.array([0.1 + 0.2, 1e-17, -2.0]))
     '(0.3, 0, -2)'
@@ -210,16 +226,18 @@ def vector(x: Array, digits: int = 6) -> str:
 
 
 def without_noise(x: Array, scale: float | None = None) -> Array:
-    """Numbers, of which those below 1e-12 of ``scale`` are set to zero as rounding errors; default scale: the largest entry."""
+    """Numbers with rounding errors set to zero: values below 1e-12 of ``scale``, by default of the largest finite entry."""
     if scale is None:
-        scale = np.abs(x[np.isfinite(x)]).max(initial=0.0)
+        finite_entries = x[np.isfinite(x)]
+        scale = np.abs(finite_entries).max(initial=0.0)
     return np.where(np.abs(x) <= _MAX_ROUNDING * scale, 0.0, x) + 0.0  # no negative zero
 
 
 def _decimals(sigma: float) -> int:
-    """Number of decimals up to a deviation's second digit; negative if it is left of the decimal point."""
+    """Number of decimals up to a deviation's second digit; negative if this digit is left of the decimal point."""
     rounded = float(f"{sigma:.1e}")  # 0.0999 is printed as 0.10
-    return 1 - math.floor(math.log10(rounded) + 1e-9)
+    exponent = math.floor(math.log10(rounded) + 1e-9)  # a power of ten is not below its own exponent by round-off
+    return 1 - exponent
 
 
 # ── Limits
@@ -245,11 +263,11 @@ def over_limit(share: Any) -> Any:
 
 
 def margin(limit: Any) -> Array:
-    """Excess over a limit up to which a magnitude counts as at the limit.
+    """Largest excess over a limit with which a magnitude still counts as at the limit.
 
     Parameters
     ----------
-    limit : (...) array_like, inf if not given
+    limit : (...) array_like, inf where no limit is given
 
     Returns
     -------
@@ -261,4 +279,5 @@ def margin(limit: Any) -> Array:
     [0.00015, 1e-06]
     """
     limit = np.asarray(limit, float)
-    return np.asarray(TOLERANCE * np.where(np.isfinite(limit), limit, 1.0))
+    scale = np.where(np.isfinite(limit), limit, 1.0)
+    return np.asarray(TOLERANCE * scale)

@@ -26,7 +26,7 @@ _PRODUCTS = {name: ENTRIES[name] for name in IN_MJCF[3:]}
 """Row and column of each product of inertia, by its name in files."""
 # The distance of a tensor is relative to the norm of the tensor of the shapes.
 _MAX_RATIO_TO_SECOND = 0.5
-"""Largest ratio of the nearest tensor's distance to the second nearest's, for the nearest to explain the numbers."""
+"""Largest ratio of the smallest distance to the second smallest, for the nearest tensor to explain the numbers."""
 _MAX_NEAREST = 0.5
 """Largest distance of a nearest tensor that explains the numbers."""
 _MAX_PLAUSIBLE = 3.0
@@ -39,6 +39,10 @@ _MAX_EXPONENT_ERROR = 0.35
 """Largest distance of a decimal logarithm to an integer, for a ratio to count as a power of ten."""
 _DIMENSION_EXPONENTS = (1, 2, 3)
 """Exponents of the powers of ten by which one dimension may be too large."""
+_MAX_PRODUCT_SHARE = 1e-6
+"""Largest product of inertia of a solid along the axes, as a share of the largest moment: rounding in files."""
+_MIN_SQUARE_RATIO = 1e-6
+"""Smallest ratio of squares of length and radius of a cylinder; less is a rounding error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +58,7 @@ class EntryError:
     certain: bool = False
     """True if the error reproduces all digits of the numbers."""
     family: str = ""
-    """Equal for entry errors that differ only by a power of ten."""
+    """Text that is equal for entry errors that differ only by a power of ten."""
 
 
 def possible(tensor: Array) -> bool:
@@ -65,9 +69,10 @@ def possible(tensor: Array) -> bool:
 
 
 def explain(errors: Iterable[EntryError], reference: Array | None) -> EntryError | None:
-    """Entry error that explains the numbers: the only one, or by far the nearest to the tensor of the shapes.
+    """Entry error that explains the numbers: the only one, or by far the nearest to ``reference``; None if there is none.
 
-    If the shapes do not decide between powers of ten in one entry, the smallest is used.
+    ``reference`` is the tensor (3, 3) of the shapes. If it does not decide between powers of ten in one entry, the first error
+    is used, which has the smallest power.
     """
     candidates = [error for error in errors if possible(error.tensor)]
     certain = [error for error in candidates if error.certain]
@@ -78,7 +83,8 @@ def explain(errors: Iterable[EntryError], reference: Array | None) -> EntryError
         distances = [float(np.linalg.norm(error.tensor - reference) / norm) for error in candidates]
         if len(candidates) > 1:
             nearest, second = np.argsort(distances)[:2]
-            if distances[nearest] < min(_MAX_RATIO_TO_SECOND * distances[second], _MAX_NEAREST):
+            max_distance = min(_MAX_RATIO_TO_SECOND * distances[second], _MAX_NEAREST)
+            if distances[nearest] < max_distance:
                 return candidates[nearest]
         candidates = [error for error, distance in zip(candidates, distances, strict=True) if distance < _MAX_PLAUSIBLE]
     families = {error.family for error in candidates}
@@ -88,11 +94,12 @@ def explain(errors: Iterable[EntryError], reference: Array | None) -> EntryError
 
 
 def sign_errors(tensor: Array) -> Iterator[EntryError]:
-    """Wrong signs of one product or of all three, if no product is zero.
+    """Errors in the sign of one product or of all three, if no product is zero.
 
     Two wrong signs do not change the principal moments, so they leave a possible tensor possible.
     """
-    if not all(tensor[entry] for entry in _PRODUCTS.values()):
+    has_all_products = all(tensor[entry] for entry in _PRODUCTS.values())
+    if not has_all_products:
         return
     for name, entry in _PRODUCTS.items():
         corrected = _replace_entry(tensor, entry, -tensor[entry])
@@ -102,7 +109,7 @@ def sign_errors(tensor: Array) -> Iterator[EntryError]:
 
 
 def power_errors(tensor: Array) -> Iterator[EntryError]:
-    """One entry wrong by a power of ten, smallest power first.
+    """Errors of one entry by a power of ten; for each entry, the smallest power comes first.
 
     Moments may be too large or too small. Products may only be too large, since smaller ones never make a tensor impossible.
     """
@@ -116,7 +123,7 @@ def power_errors(tensor: Array) -> Iterator[EntryError]:
 
 
 def _scaled_entries(tensor: Array, name: str, size: str) -> Iterator[EntryError]:
-    """One entry too large or too small by each power of ten that leaves a possible tensor."""
+    """Errors of one entry, too "large" or too "small" by each power of ten that leaves a possible tensor."""
     entry = ENTRIES[name]
     for k in _EXPONENTS:
         factor = 10.0**-k
@@ -129,7 +136,7 @@ def _scaled_entries(tensor: Array, name: str, size: str) -> Iterator[EntryError]
 
 
 def origin_errors(tensor: Array, written: WrittenInertia) -> Iterator[EntryError]:
-    """Tensor about the link's origin: larger by m (c.c 1 - c c'), with the centre of mass c along the file's axes."""
+    """Error of a tensor about the link's origin: larger by m (c.c 1 - c c'), with the centre of mass c in the file's axes."""
     c = written.R.T @ written.com
     steiner = written.mass * (c @ c * np.eye(3) - np.outer(c, c))
     if np.linalg.norm(steiner) > _MIN_STEINER_SHARE * np.linalg.norm(tensor):
@@ -138,7 +145,7 @@ def origin_errors(tensor: Array, written: WrittenInertia) -> Iterator[EntryError
 
 
 def unit_errors(tensor: Array, reference: Array | None) -> Iterator[EntryError]:
-    """All entries wrong by the same power of ten, compared with the tensor of the shapes."""
+    """Error of all entries by the same power of ten, compared with ``reference``, the tensor of the shapes."""
     if reference is None or tensor.trace() <= 0 or reference.trace() <= 0:
         return
     exponent = float(np.log10(tensor.trace() / reference.trace()))
@@ -151,10 +158,10 @@ def unit_errors(tensor: Array, reference: Array | None) -> Iterator[EntryError]:
 
 
 def dimension_errors(tensor: Array, mass: float) -> Iterator[EntryError]:
-    """Tensor of a uniform solid with round dimensions, one of which is too large by a factor of 10, 100 or 1000."""
+    """Errors of a uniform solid with round dimensions, one of which is too large by a factor of 10, 100 or 1000."""
     moments = tensor.diagonal()
     max_product = np.abs(tensor - np.diag(moments)).max()
-    if mass <= 0 or max_product > 1e-6 * np.abs(moments).max():  # not along the axes of a solid
+    if mass <= 0 or max_product > _MAX_PRODUCT_SHARE * np.abs(moments).max():  # not along the axes of a solid
         return
     for axis in range(3):
         yield from _cylinder_errors(moments, mass, axis)
@@ -162,16 +169,16 @@ def dimension_errors(tensor: Array, mass: float) -> Iterator[EntryError]:
 
 
 def _cylinder_errors(moments: Array, mass: float, axis: int) -> Iterator[EntryError]:
-    """Radius or length of a solid cylinder about an axis of the tensor.
+    """Errors of radius or length of a solid cylinder about an axis of the tensor.
 
     Its moments are m r² / 2 about the axis, and m (3 r² + h²) / 12 across it.
     """
-    across = np.delete(moments, axis)
-    if abs(across[0] - across[1]) > _MAX_ROUNDING * across[0]:
+    moment_across, other_across = np.delete(moments, axis)
+    if abs(moment_across - other_across) > _MAX_ROUNDING * moment_across:
         return
     r_square = 2.0 * moments[axis] / mass
-    h_square = 12.0 * across[0] / mass - 3.0 * r_square
-    if not (r_square > 0 and h_square > 1e-6 * r_square):
+    h_square = 12.0 * moment_across / mass - 3.0 * r_square
+    if not (r_square > 0 and h_square > _MIN_SQUARE_RATIO * r_square):
         return
     r = _round_dimension(r_square**0.5)
     h = _round_dimension(h_square**0.5)
@@ -196,7 +203,7 @@ def _cylinder_moments(mass: float, radius: float, length: float, axis: int) -> A
 
 
 def _box_errors(moments: Array, mass: float) -> Iterator[EntryError]:
-    """One edge of a solid box with the edges a, b and c, whose moments are m (b² + c²) / 12, and so on."""
+    """Errors of one edge of a solid box with the edges a, b and c; its first moment is m (b² + c²) / 12."""
     squared_edges = 6.0 * (moments.sum() - 2.0 * moments) / mass
     if not (squared_edges > 0).all():
         return
@@ -214,14 +221,17 @@ def _box_errors(moments: Array, mass: float) -> Iterator[EntryError]:
 def _dimension_error(
     dimension: str, family: str, k: int, written: float, corrected: float, moments: Array
 ) -> EntryError:
-    """One dimension too large by 10^k, with the principal moments (3,) of the corrected solid; only k = 1 is certain."""
+    """Error of a dimension that is too large by 10^k, with the principal moments (3,) of the corrected solid.
+
+    Only k = 1 is certain. ``dimension`` begins the sentence.
+    """
     sentence = f"{dimension} is {10**k} times too large: {printed(written)} m for {printed(corrected)} m"
     return EntryError("dimension", sentence, np.diag(moments), certain=k == 1, family=family)
 
 
 def _round_dimension(value: float) -> float:
     """Nearest number of two digits; 0 if the value is not close to such a number."""
-    rounded = float(f"{residual(value)}")  # which prints two digits
+    rounded = float(residual(value))  # residual prints two digits
     return rounded if abs(value - rounded) <= _MAX_ROUNDING * rounded else 0.0
 
 

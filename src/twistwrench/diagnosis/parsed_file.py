@@ -29,11 +29,13 @@ class ParsedLink:
     name: str
     line: int
     file: str = ""
+    """Included file that has the link; empty for the robot file itself."""
     written: WrittenInertia | None = None
-    """Inertia with the places of its numbers in the file."""
+    """Inertia with the places of its numbers in the file; None if the file has none."""
     assumed: tuple[str, ...] = ()
-    """Parts of the inertia (mass, inertia) that the file omits and for which the format defines a value."""
+    """Omitted parts of the inertia ("mass", "inertia") for which the format defines a value."""
     read_solids: Callable[[], LinkSolids] = LinkSolids
+    """Function that reads the shapes of the link; by default the link has none."""
 
     @cached_property
     def shapes(self) -> LinkSolids:
@@ -49,7 +51,7 @@ class ParsedLink:
         effect: Effect | None = None,
         repair: FileRepair | None = None,
     ) -> Finding:
-        """Finding about the link's inertia; a warning if ``matters``."""
+        """Finding about the link's inertia: a warning if it ``matters``, otherwise a note."""
         severity = Severity.WARNING if matters else Severity.NOTE
         if effect is None:
             effect = Effect()
@@ -61,13 +63,15 @@ class ParsedLink:
 
 @dataclass(frozen=True, eq=False)
 class ParsedFile:
-    """Robot file and its model, loaded with physically impossible inertias accepted."""
+    """Robot file, and its model, which may have physically impossible inertias."""
 
     model: Model
     format: str
-    """"urdf", "mjcf", "sdf", or empty for a robot without a file."""
+    """Name of the format: urdf, mjcf or sdf; empty for a robot without a file."""
     links: Mapping[str, ParsedLink]
+    """Links by name."""
     joints: Mapping[str, Element] = field(default_factory=dict)
+    """Elements of the joints by name."""
     settings: tuple[str, ...] = ()
     """Sentences about changes of inertias by settings of the file."""
     load_errors: tuple[LoadError, ...] = ()
@@ -75,7 +79,7 @@ class ParsedFile:
 
     @cached_property
     def effects(self) -> Effects:
-        """Effects of changed inertias."""
+        """Effects of changed inertias on the model's torques."""
         return Effects(self.model)
 
     @cached_property
@@ -87,15 +91,16 @@ class ParsedFile:
     def span(self) -> float:
         """Diagonal of the bounding box of link frames at zero joint positions [m].
 
-        Only links with at least 1 % of the mass count, as models for simulators have light helper bodies far away. If there
-        are fewer than two such links, all frames count.
+        Only heavy links count, as models for simulators have light helper bodies far away. If fewer than two links are heavy,
+        all frames count.
         """
         poses = self.neutral_poses
         names = [name for name, link in self.links.items() if name in poses and self.heavy(link)]
         if len(names) < 2:
             names = list(poses)
         origins = np.array([poses[name][:3, 3] for name in names])
-        return float(np.linalg.norm(np.ptp(origins, axis=0)))
+        box_size = np.ptp(origins, axis=0)
+        return float(np.linalg.norm(box_size))
 
     @cached_property
     def mass(self) -> float:
@@ -107,12 +112,12 @@ class ParsedFile:
         return link in self.model.frames and self.model.frames[link].body != BASE
 
     def heavy(self, link: ParsedLink, share: float = 0.01) -> bool:
-        """True if the link has at least this share of the robot's mass."""
+        """True if the link has at least this share of the robot's mass; False for robots without mass."""
         return link.written is not None and link.written.mass >= share * self.mass > 0
 
 
 def parse_elements(root: Element, model: Model, reader: SolidReader, path: Path | None) -> ParsedFile:
-    """Links and joints of a root element that the loader accepts."""
+    """Parsed file of a root element that the loader accepts."""
     format_name = next(name for name, tag in FORMATS.items() if root.tag == tag)
     robot_text = TEXTS[format_name](root, model.name, path)
     links = {}
@@ -122,20 +127,31 @@ def parse_elements(root: Element, model: Model, reader: SolidReader, path: Path 
         written = robot_text.inertia(name)
         if format_name == "mjcf":
             written = _effective_inertia(written, model.link_inertias[name], element)
-        read_solids = partial(_read_solids, robot_text, name, reader)
-        links[name] = ParsedLink(name, element.line, element.file, written, robot_text.assumed_parts(name), read_solids)
+        links[name] = ParsedLink(
+            name,
+            element.line,
+            element.file,
+            written,
+            assumed=robot_text.assumed_parts(name),
+            read_solids=partial(_read_solids, robot_text, name, reader),
+        )
     settings: list[str] = []
     if format_name == "mjcf":
-        settings = [d for d in model.defects if " of <compiler> change " in d or d.startswith("settotalmass")]
+        settings = [
+            defect
+            for defect in model.defects
+            if " of <compiler> change " in defect or defect.startswith("settotalmass")
+        ]
     return ParsedFile(model, format_name, links, robot_text.joints, tuple(settings))
 
 
 def _read_solids(text: RobotText, link: str, reader: SolidReader) -> LinkSolids:
+    """Solids of a link's shapes, by the name of the link."""
     return reader.read(link_shapes(text, link))
 
 
 def _effective_inertia(written: WrittenInertia | None, loaded: SpatialInertia, body: Element) -> WrittenInertia | None:
-    """Inertia in the file if the loader uses it; otherwise the loaded one, from geoms and compiler settings."""
+    """Inertia in the file if the loader uses it; otherwise the loaded inertia, from geoms and compiler settings."""
     if written is not None and np.allclose(written.inertia.parameters, loaded.parameters, rtol=1e-9, atol=1e-12):
         return written
     return WrittenInertia.from_inertia(loaded, body.line, body.file)

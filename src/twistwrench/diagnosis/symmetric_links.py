@@ -22,15 +22,15 @@ _RIGHT_WORDS = {
     "lh": "rh",
     "lr": "rr",
 }
-"""Words of right sides by those of left sides; f, r, b, h are front, rear, back and hind."""
+"""Word of the right side by the word of the left side; f, r, b, h are front, rear, back and hind."""
 _WORD_PATTERN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^A-Za-z0-9]+")
 """Part of a name: capitals, a word with or without capital, a number, or separators."""
 _REFLECTIONS = (np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]))
-"""Reflections Y of the base frame, whose left and right lie along y or along x."""
+"""Reflections Y of the base frame: left and right lie along y, or along x."""
 _MAX_FRAME_GAP = 1e-3
 """Tolerance of mirrored frames: distance of origins [m], and difference of entries of rotations."""
 _MIN_DISTANCE_OF_SIDES = 0.02
-"""Smallest distance of two mirrored frames [m]; nearer ones lie in the plane, on neither side."""
+"""Smallest distance of two mirrored frames [m]; nearer frames lie in the plane of reflection, on neither side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class SymmetricLinks:
     left: ParsedLink
     right: ParsedLink
     D: Array
-    """Matrix (3, 3) that maps points of the left link to mirrored points of the right one, in link frames."""
+    """Matrix (3, 3) that maps points of the left link to their mirror images on the right link, in link frames."""
 
 
 def right_side_names(name: str) -> Iterator[str]:
@@ -59,7 +59,7 @@ def right_side_names(name: str) -> Iterator[str]:
 
 
 def _right_side_word(word: str) -> str:
-    """Word of the right side for one of the left, with the same capitals."""
+    """Word of the right side for a word of the left side, with the same capitals."""
     right = _RIGHT_WORDS[word.lower()]
     if word.isupper():
         return right.upper()
@@ -72,12 +72,10 @@ def symmetric_links(robot: ParsedFile) -> Iterator[SymmetricLinks]:
     """Pairs of links with left and right names whose frames are mirror images in a plane of the base."""
     poses = robot.neutral_poses
     for left in robot.links.values():
-        right_links = [robot.links[name] for name in right_side_names(left.name) if name in robot.links]
-        if not right_links:
+        right_name = next((name for name in right_side_names(left.name) if name in robot.links), None)
+        if right_name is None or left.name not in poses or right_name not in poses:
             continue
-        right = right_links[0]
-        if left.name not in poses or right.name not in poses:
-            continue
+        right = robot.links[right_name]
         D = _mirror_map(poses[left.name], poses[right.name])
         if D is not None:
             yield SymmetricLinks(left, right, D)
@@ -86,8 +84,9 @@ def symmetric_links(robot: ParsedFile) -> Iterator[SymmetricLinks]:
 def _mirror_map(T_a: Array, T_b: Array) -> Array | None:
     """D = R_b' Y R_a if it is a signed permutation and the origins of the frames are mirrored; otherwise None."""
     for Y in _REFLECTIONS:
-        gap = T_b[:3, 3] - Y @ T_a[:3, 3]
-        distance = abs(T_a[:3, 3] @ (np.eye(3) - Y).diagonal())  # |p - Y p|: twice the distance to the plane
+        p_a, p_b = T_a[:3, 3], T_b[:3, 3]
+        gap = p_b - Y @ p_a
+        distance = abs(p_a @ (np.eye(3) - Y).diagonal())  # |p - Y p|: twice the distance to the plane
         if np.linalg.norm(gap) > _MAX_FRAME_GAP or distance < _MIN_DISTANCE_OF_SIDES:
             continue
         D = T_b[:3, :3].T @ Y @ T_a[:3, :3]

@@ -21,13 +21,15 @@ from ..mechanics.model.builder import ModelBuilder
 from ..mechanics.model.model import Model
 
 COLUMNS = ("theta", "d", "a", "alpha")
-"""Columns of a table: rotation and translation about and along z [rad, m], then along and about x [m, rad]."""
+"""Columns of a table: rotation about z [rad], translation along z [m], translation along x [m], rotation about x [rad]."""
 CONVENTIONS = ("standard", "modified")
-"""Order of the two motions of a row: about and along z first, or about and along x first."""
+"""Conventions: the motion about and along z comes first (standard), or the motion about and along x (modified)."""
 _DH_TYPES = ("revolute", "prismatic")
 """Types of joints in a table."""
 MAX_ANGLE = 2 * np.pi + 1e-6
-"""Largest angle in a table that is certainly in radians [rad]: a turn, with rounding."""
+"""Angle in a table above which angles are probably in degrees [rad]: a turn, with rounding."""
+_TOLERANCE = 1e-6
+"""Largest rounding error of the numbers of printed lists."""
 
 
 def from_dh(
@@ -58,8 +60,8 @@ def from_dh(
     names = _names_per_row("joint_names", joint_names, n)
     bodies = _inertias(n, masses, coms, moments_about_com)
     builder = ModelBuilder(name)
-    for column, angles in (("theta", theta), ("alpha", alpha)):
-        _remark_on_degrees(builder, column, angles)
+    _remark_on_degrees(builder, "theta", theta)
+    _remark_on_degrees(builder, "alpha", alpha)
     builder.add_link("link0")
     for i in range(n):
         if kinds[i] not in _DH_TYPES:
@@ -96,8 +98,9 @@ def _remark_on_degrees(builder: ModelBuilder, column: str, angles: Array) -> Non
 
 
 def _names_per_row(argument: str, names: Sequence[str], n: int) -> list[str]:
-    """Names as a list, one for each of n rows; ShapeError with the name of the argument for another number."""
-    if isinstance(names, str) or not isinstance(names, Sequence) or len(names) != n:
+    """Names as a list; raises ShapeError, which names the argument, unless there is one for each of n rows."""
+    is_list_of_names = isinstance(names, Sequence) and not isinstance(names, str)
+    if not is_list_of_names or len(names) != n:
         raise ShapeError(
             f"{argument} is {names!r}, but the table has {n} rows: give a list with one name for each row."
         )
@@ -111,9 +114,10 @@ def _screw_motion(axis: int, angle: float, distance: float) -> Array:
 
 
 def _columns_in_order(table: Any, columns: Sequence[str] | None) -> list[Array]:
-    """Columns theta, d, a, alpha, (n,) each; missing ones are zero."""
+    """Columns theta, d, a, alpha, (n,) each; missing columns are zero."""
     column_by_name = _named_columns(table, columns)
-    n = max((len(column) for column in column_by_name.values() if column.ndim == 1), default=0)
+    lengths = [len(column) for column in column_by_name.values() if column.ndim == 1]
+    n = max(lengths, default=0)
     if n == 0 or any(column.shape != (n,) for column in column_by_name.values()):
         shapes = ", ".join(f"{name} {column.shape}" for name, column in column_by_name.items()) or "none"
         raise ShapeError(
@@ -124,33 +128,32 @@ def _columns_in_order(table: Any, columns: Sequence[str] | None) -> list[Array]:
 
 def _named_columns(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
     """Columns by name, of a mapping of columns, a sequence of rows that are mappings, or an array."""
+    is_list_of_rows = isinstance(table, Sequence) and len(table) > 0 and all(isinstance(row, Mapping) for row in table)
     if isinstance(table, Mapping):
         _check_column_names(table)
         values = dict(table)
-    elif isinstance(table, Sequence) and len(table) and all(isinstance(row, Mapping) for row in table):
+    elif is_list_of_rows:
         for row in table:
             _check_column_names(row)
-        values = {}
-        for name in COLUMNS:
-            values[name] = [row.get(name, 0.0) for row in table]
+        values = {name: [row.get(name, 0.0) for row in table] for name in COLUMNS}
     else:
         return _columns_of_array(table, columns)
-    columns_by_name = {}
+    column_by_name = {}
     for name, column in values.items():
         numbers = arguments.finite(column, f"column {name!r} of the table")
-        columns_by_name[name] = np.atleast_1d(numbers)
-    return columns_by_name
+        column_by_name[name] = np.atleast_1d(numbers)
+    return column_by_name
 
 
 def _check_column_names(names: Iterable[str]) -> None:
-    """Raise UnknownNameError for a name that no column has."""
+    """Raise UnknownNameError for a name that is not a column of a table."""
     for name in names:
         if name not in COLUMNS:
             raise UnknownNameError.from_choices("column of a Denavit–Hartenberg table", name, COLUMNS)
 
 
 def _columns_of_array(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
-    """Columns of an (n, 4) array by name, whose order ``columns`` gives."""
+    """Columns of an (n, 4) array by name; ``columns`` are their names in the order of the array."""
     array = arguments.finite(table, "the Denavit–Hartenberg table")
     if array.ndim != 2 or array.shape[1] != len(COLUMNS):
         raise ShapeError(f"the Denavit–Hartenberg table has shape {array.shape}, expected (n, 4).")
@@ -168,9 +171,9 @@ def _columns_of_array(table: Any, columns: Sequence[str] | None) -> dict[str, Ar
 def _inertias(
     n: int, masses: ArrayLike | None, coms: ArrayLike | None, moments: ArrayLike | None
 ) -> list[SpatialInertia]:
-    """Inertia of each link in its own frame, zero if not given."""
+    """Inertia of each link in its own frame; numbers that are not given are zero."""
 
-    def numbers(argument: str, values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+    def array_or_zeros(argument: str, values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
         if values is None:
             return np.zeros(shape)
         array = arguments.finite(values, argument)
@@ -178,14 +181,14 @@ def _inertias(
             raise ShapeError(f"{argument} has shape {array.shape}, but the table has {n} rows: expected {shape}.")
         return array
 
-    m = numbers("masses", masses, (n,))
-    c = numbers("coms", coms, (n, 3))
-    I = numbers("moments_about_com", moments, (n, 3, 3))
-    return [_named_inertia(f"link{i + 1}", SpatialInertia.from_com, float(m[i]), c[i], I[i]) for i in range(n)]
+    m = array_or_zeros("masses", masses, (n,))
+    c = array_or_zeros("coms", coms, (n, 3))
+    I = array_or_zeros("moments_about_com", moments, (n, 3, 3))
+    return [_inertia_of_link(f"link{i + 1}", SpatialInertia.from_com, float(m[i]), c[i], I[i]) for i in range(n)]
 
 
-def _named_inertia(link: str, build: Callable[..., SpatialInertia], *numbers: Any) -> SpatialInertia:
-    """Inertia of a link; error messages include its name."""
+def _inertia_of_link(link: str, build: Callable[..., SpatialInertia], *numbers: Any) -> SpatialInertia:
+    """Inertia that ``build`` makes of numbers; error messages include the name of the link."""
     try:
         return build(*numbers)
     except InertiaError as problem:
@@ -201,9 +204,9 @@ class ScrewLists:
     Slist: Array
     """(6, n) screw axes in the space frame, as columns."""
     Blist: Array
-    """(6, n) screw axes in the end-effector frame."""
+    """(6, n) screw axes in the end-effector frame, as columns."""
     Mlist: Array
-    """(n + 1, 4, 4) pose of link frame i in link frame i - 1; the last is the pose of the end-effector in link n."""
+    """(n + 1, 4, 4) poses of link frame i in link frame i - 1, last the pose of the end-effector frame in link frame n."""
     Glist: Array
     """(n, 6, 6) spatial inertia of each link in its own frame."""
 
@@ -223,21 +226,21 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
                 f"robot {model.name!r} is not a serial chain of one-degree joints (see joint {body.joint.name!r}), so it has "
                 "no Slist. Lock joints (robot.lock) until one chain is left."
             )
-    end = model.frame(None)
-    if end.body != len(model.bodies) - 1:
+    tip_frame = model.frame(None)
+    if tip_frame.body != len(model.bodies) - 1:
         raise ModelError(f"tip {model.tip!r} of robot {model.name!r} does not ride on the last link. Load with tip=….")
     home = np.eye(4)  # pose of the body in the base
     screws, link_frames, inertias = [], [], []
     for body in model.bodies:
         home = home @ body.placement
         screws.append(Ad(home) @ body.joint.axes[0])
-        T_link = np.eye(4)  # link frame in the frame of the body
+        T_link = np.eye(4)  # pose of the link frame in the body's frame
         if at_com:
             _, principal_axes = body.inertia.principal()
             T_link = se3.pose(principal_axes, body.inertia.com)
         link_frames.append(home @ T_link)
         inertias.append(body.inertia.in_frame(se3.inverse(T_link)).matrix)
-    M = home @ end.pose
+    M = home @ tip_frame.pose
     frames = [np.eye(4), *link_frames, M]
     Mlist = np.array([se3.inverse(T_previous) @ T for T_previous, T in itertools.pairwise(frames)])
     Slist = np.array(screws).T
@@ -262,8 +265,8 @@ def from_screws(
     placements = np.asarray(Mlist, float)
     G = np.asarray(Glist, float)
     n = S.shape[-1] if S.ndim == 2 else 0
-    fits = S.shape == (6, n) and placements.shape == (n + 1, 4, 4) and G.shape == (n, 6, 6)
-    if n == 0 or not fits:
+    has_expected_shapes = S.shape == (6, n) and placements.shape == (n + 1, 4, 4) and G.shape == (n, 6, 6)
+    if n == 0 or not has_expected_shapes:
         raise ShapeError(
             f"Slist {S.shape}, Mlist {placements.shape}, Glist {G.shape}: expected (6, n), (n + 1, 4, 4), (n, 6, 6). "
             "Screws are the columns of Slist; Mlist ends with the end-effector's pose in the last link."
@@ -275,18 +278,17 @@ def from_screws(
         raise ShapeError(f"{len(names)} joint names for {n} screws.")
     builder = ModelBuilder(name)
     builder.add_link("base")
-    home, parent = np.eye(4), "base"
+    home = np.eye(4)  # pose of the link in the base
+    parent = "base"
     for i in range(n):
         home = home @ placements[i]
         A = Ad(se3.inverse(home)) @ S[:, i]  # screw axis in its link's frame, MR section 8.3.1
         if not non_unit_screws:
             _check_unit(S[:, i], i, names[i])
         link = f"link{i + 1}"
-        builder.add_link(link, _named_inertia(link, SpatialInertia.from_matrix, G[i]))
-        kind = "prismatic"
-        if np.any(A[:3]):
-            kind = "helical"
-        builder.add_joint(names[i], kind, parent, link, placement=placements[i], axis=A, normalise_axes=False)
+        builder.add_link(link, _inertia_of_link(link, SpatialInertia.from_matrix, G[i]))
+        joint_type = "helical" if np.any(A[:3]) else "prismatic"
+        builder.add_joint(names[i], joint_type, parent, link, placement=placements[i], axis=A, normalise_axes=False)
         parent = link
     builder.add_link("end_effector")
     builder.add_joint("end_effector_fixed", "fixed", parent, "end_effector", placement=placements[n])
@@ -296,12 +298,13 @@ def from_screws(
 
 
 def _check_unit(S: Array, i: int, joint: str) -> None:
-    """Raise ModelError unless screw i has unit length: its angular part, or its linear part if it does not turn."""
-    w_length, v_length = float(np.linalg.norm(S[:3])), float(np.linalg.norm(S[3:]))
-    length, part = v_length, "sliding part"
-    if w_length > 0:
-        length, part = w_length, "turning part"
-    if abs(length - 1.0) > 1e-6:
+    """Raise ModelError unless the angular part of screw i has unit length; without angular part, the linear one."""
+    part = "turning part"
+    length = float(np.linalg.norm(S[:3]))
+    if length == 0.0:
+        part = "sliding part"
+        length = float(np.linalg.norm(S[3:]))
+    if abs(length - 1.0) > _TOLERANCE:
         raise ModelError(
             f"screw {i + 1} (joint {joint!r}), {S.tolist()}: its {part} has length {printed(length)}, not 1. Divide it by "
             "that, or pass non_unit_screws=True to keep it, knowing that its coordinate is then no angle in radians."
@@ -313,7 +316,7 @@ def _check_home(M: Array, product: Array) -> None:
     if M.shape != (4, 4):
         raise ShapeError(f"M has shape {M.shape}, expected (4, 4).")
     difference = float(np.abs(M - product).max())
-    if not difference <= 1e-6:  # nan too
+    if not difference <= _TOLERANCE:  # also for nan
         raise ModelError(
             f"M and the product of Mlist differ by up to {printed(difference, 3)}: they must describe the same end-effector "
             "frame at zero. Pass M=None to take the product."

@@ -3,8 +3,8 @@
 ``KNOWN[format][tag]`` is a *row*: it lists what an element with this tag may contain, by name. A name is an attribute, or
 ``<child>`` for a child element; ``*`` stands for all unlisted names. Each name has an *entry*:
 
-* READ: it is read. A child marked READ has a row of its own, named by its tag, or ``parent/tag`` for tags with two meanings.
-  Without a row it contains only text.
+* READ: attributes and children that are read. Such a child has a row of its own, named by its tag, or by ``parent/tag`` for
+  tags with two meanings. A child without a row contains only text.
 * NO_MECHANICS: appearance, contacts, sensors or controllers, which are skipped with all that they contain.
 * :class:`LeftOut`: mechanics that is not read, which gives a note.
 
@@ -26,6 +26,7 @@ from .xml import Element
 READ = "read"
 NO_MECHANICS = "no mechanics"
 ALL_OTHERS = "*"
+"""Name in a row that stands for all unlisted names."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,9 @@ class LeftOut:
     """Mechanics that is not read, and its effect."""
 
     change: str
-    """Sentence that lists the numbers that it would change."""
+    """Sentence on the numbers that this mechanics would change."""
     unless: tuple[str, ...] = ()
-    """Values without an effect; if empty: zeros and ``false``."""
+    """Values without an effect, in lower case; if empty, these are zeros and ``false``."""
 
     def acts(self, texts: Iterable[str]) -> bool:
         """True if any word in the texts has an effect, or if there are no words."""
@@ -62,34 +63,41 @@ def _is_zero(word: str) -> bool:
 def _read_table(text: str) -> dict[str, Rows]:
     """Rows of each format, from the lines of ``known_elements.txt``.
 
-    A line is a comment ``# …``; the name of a format ``[URDF]``, whose rows follow; the name of an effect with its sentence and
-    values, ``key: change | values``; tags of a row; or names in that row, ``  key: names``, indented. The keys "read" and
-    "ignored" stand for READ and NO_MECHANICS, others for effects.
+    Each line is one of these:
+
+    * ``# …``: a comment
+    * ``[URDF]``: name of a format, whose rows follow
+    * ``key: change | values``: an effect with its key, its sentence, and its values without an effect
+    * ``tag tag``: tags that share the row that follows
+    * ``  key: names``, indented: names of the row that have this entry. The keys "read" and "ignored" stand for READ and
+      NO_MECHANICS, others for effects
     """
     formats: dict[str, dict[str, dict[str, Entry]]] = {}
     entry_of_key: dict[str, Entry] = {"read": READ, "ignored": NO_MECHANICS}
-    rows: dict[str, dict[str, Entry]] = {}
+    rows: dict[str, dict[str, Entry]] = {}  # of the current format
     row: dict[str, Entry] = {}
     for line in text.splitlines():
-        key, _, rest = line.partition(": ")
+        key, _, content = line.partition(": ")
         if line.startswith("["):
-            rows = formats[line[1:-1]] = {}
+            format_name = line[1:-1]
+            rows = formats[format_name] = {}
         elif line.startswith(" "):
-            row |= dict.fromkeys(rest.split(), entry_of_key[key.strip()])
+            row |= dict.fromkeys(content.split(), entry_of_key[key.strip()])
         elif not line or line.startswith("#"):
             continue
-        elif rest:
-            change, _, values = rest.partition(" | ")
+        elif content:
+            change, _, values = content.partition(" | ")
             entry_of_key[key] = LeftOut(change, tuple(values.split()))
         else:
-            if row:  # otherwise this is a further line of tags for the same row
+            if row:  # an empty row is that of the tags in the line before: these share it
                 row = {}
             rows |= dict.fromkeys(line.split(), row)
     return {name: rows for name, rows in formats.items() if rows}  # the section of effects has no rows
 
 
-# get_data also finds the file if the package is in an archive.
-KNOWN: Mapping[str, Rows] = _read_table((get_data(__name__, "known_elements.txt") or b"").decode())
+_TABLE = get_data(__name__, "known_elements.txt")
+"""Table in the package, which get_data finds also in an archive."""
+KNOWN: Mapping[str, Rows] = _read_table((_TABLE or b"").decode())
 
 ACTUATORS = (
     "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "pid",
@@ -113,7 +121,7 @@ LEFT_OUT: Mapping[str, str] = {
     "tendon/springyield": "has a spring that yields (springyield), which is read as elastic",
     "deformable/flex": "is a deformable body, whose elastic forces are left out",
 }
-"""Notes on mechanics of MJCF and of compiled MuJoCo models that is left out, by element and attribute.
+"""Notes on left-out mechanics of MJCF and of compiled MuJoCo models, by element and attribute.
 
 Most effects depend on several attributes, so the readers decide whether to add a note.
 """
@@ -121,7 +129,9 @@ Most effects depend on several attributes, so the readers decide whether to add 
 _MAX_NAMES = 100
 """Largest number of names with separate notes."""
 _MAX_COMPARED_LENGTH = 100
-"""Largest number of characters of a name for which similar names are sought."""
+"""Number of characters of a name that are compared with known names."""
+_MAX_PARENTS = 3
+"""Largest number of parents that a note names."""
 
 
 class Unread:
@@ -133,21 +143,23 @@ class Unread:
     """
 
     def __init__(self, format_name: str) -> None:
-        self.format, self.rows = format_name, KNOWN[format_name]
+        self.format = format_name
+        self.rows = KNOWN[format_name]
         self._notes: dict[tuple[str, str], tuple[str, str]] = {}
         """Place of the first occurrence and text of each note, by tag and name."""
-        self._count: Counter[tuple[str, str]] = Counter()
+        self._occurrences: Counter[tuple[str, str]] = Counter()
         """Number of occurrences, by tag and name."""
 
     def row(self, tag: str, parent: str = "") -> Mapping[str, Entry]:
-        """Names allowed in a tag inside another tag."""
+        """Row of a tag inside the tag ``parent``; empty if there is none."""
         return self.rows.get(f"{parent}/{tag}") or self.rows.get(tag) or {}
 
     @staticmethod
     def entry(row: Mapping[str, Entry], name: str) -> Entry | None:
         """Entry of a name in a row; None for unknown names."""
         entry = row.get(name) or row.get(ALL_OTHERS)
-        has_foreign_prefix = ":" in name and not name.startswith("physics:")  # the latter is USD's own
+        is_of_usd = name.startswith("physics:")
+        has_foreign_prefix = ":" in name and not is_of_usd
         if entry is None and has_foreign_prefix:
             return NO_MECHANICS
         return entry
@@ -161,8 +173,8 @@ class Unread:
         self._add_note(tag, name, place, lambda: self._unknown_text(tag, name))
 
     def walk(self, element: Element) -> None:
-        """Add notes on unread content of an element."""
-        stack = [(element, "")]
+        """Add notes on unread content of an element and of the elements in it."""
+        stack = [(element, "")]  # with the tag of the parent
         while stack:
             current, parent = stack.pop()
             row = self.row(current.tag, parent)
@@ -172,55 +184,56 @@ class Unread:
                     self.note_unknown(current.tag, name, current.place)
                 elif isinstance(entry, LeftOut) and entry.acts([text]):
                     self.note_left_out(current.tag, name, entry, f'{name}="{shorten(text)}" of {current}')
-            children = []
+            read_children = []
             for child in current.children:
                 name = f"<{child.tag}>"
                 entry = self.entry(row, name)
                 if entry is READ:
-                    children.append((child, current.tag))
+                    read_children.append((child, current.tag))
                 elif entry is None:
                     self.note_unknown(current.tag, name, child.place)
                 elif isinstance(entry, LeftOut) and entry.acts(_texts_in(child)):
                     self.note_left_out(current.tag, name, entry, str(child))
-            stack.extend(reversed(children))
+            stack.extend(reversed(read_children))  # the stack returns the last one first
 
     @property
     def remarks(self) -> list[str]:
         """Notes as sentences, in order of first occurrence."""
         sentences = []
         for key, (place, text) in self._notes.items():
-            repetitions = self._count[key] - 1
+            repetitions = self._occurrences[key] - 1
             others = f" and {repetitions} more" if repetitions else ""
             sentences.append(f"{place}{others}: {text}")
-        names_without_note = len(self._count) - len(self._notes)
+        names_without_note = len(self._occurrences) - len(self._notes)
         if names_without_note:
             sentences.append(f"{names_without_note} more names are not read")
         return sentences
 
-    def _add_note(self, tag: str, name: str, place: str, text: Callable[[], str]) -> None:
-        """Count an occurrence; the first one of a name adds a note, whose text is made only then."""
+    def _add_note(self, tag: str, name: str, place: str, make_text: Callable[[], str]) -> None:
+        """Count an occurrence of a name; the first one adds a note, whose text is made only then."""
         key = tag, name
-        self._count[key] += 1
-        if self._count[key] == 1 and len(self._notes) < _MAX_NAMES:
-            self._notes[key] = place, text()
+        self._occurrences[key] += 1
+        if self._occurrences[key] == 1 and len(self._notes) < _MAX_NAMES:
+            self._notes[key] = place, make_text()
 
     def _unknown_text(self, tag: str, name: str) -> str:
-        """Clause about an unknown name, with the parents of such an element, or with the most similar known name."""
+        """Clause about an unknown name, with the elements that may have it, or with the most similar known name."""
         row = self.row(tag)
         if name.startswith("<"):
-            rows_with_name = [parent for parent, names in self.rows.items() if name in names]
-            if rows_with_name:
-                parents = [f"<{parent.rpartition('/')[2]}>" for parent in rows_with_name[:3]]
-                return f"{name} is not an element of <{tag}> in {self.format}; it belongs into {' or '.join(parents)}"
+            parents = [parent for parent, names in self.rows.items() if name in names]
+            if parents:
+                parent_tags = [parent.rpartition("/")[2] for parent in parents[:_MAX_PARENTS]]
+                choices_text = " or ".join(f"<{parent_tag}>" for parent_tag in parent_tags)
+                return f"{name} is not an element of <{tag}> in {self.format}; it belongs into {choices_text}"
             text = f"{shorten(name)} is not an element of {self.format}"
             choices = [choice for choice in row if choice.startswith("<")]
         else:
             text = f"{shorten(name)} is not an attribute of <{tag}> in {self.format}"
             choices = [choice for choice in row if not choice.startswith("<")]
-        nearest = difflib.get_close_matches(name[:_MAX_COMPARED_LENGTH], choices, n=1)
-        if not nearest:
+        similar_names = difflib.get_close_matches(name[:_MAX_COMPARED_LENGTH], choices, n=1)
+        if not similar_names:
             return text
-        return f"{text}; did you mean {nearest[0]}?"
+        return f"{text}; did you mean {similar_names[0]}?"
 
 
 def unread(format_name: str, *elements: Element) -> list[str]:
@@ -232,7 +245,7 @@ def unread(format_name: str, *elements: Element) -> list[str]:
 
 
 def _texts_in(element: Element) -> list[str]:
-    """Texts and ``value`` attributes of an element and of all elements in it."""
+    """Nonempty texts and ``value`` attributes of an element and of all elements in it."""
     texts: list[str] = []
     for part in element.walk():
         texts += [part.content, part.attributes.get("value", "")]

@@ -34,12 +34,14 @@ from .rows import SteadySamples, lowest_rate, spring_torques
 Built = tuple[SettingRows, Array, Prior]
 """Rows of samples, largest plausible sizes of the unknown parameters, and weak prior of their groups."""
 Build = Callable[[BaseParameters, Sequence[SteadySamples]], Built]
-"""Function that computes these for groups of parameters and samples."""
+"""Function that computes :data:`Built` for groups of parameters and samples."""
 
 _LAWS = ("load-friction", "warming", "drift")
 """Causes that are joint laws: they add torques."""
 _DISCRETE = ("torque-sign", "position-sign", "both-signs", "degrees", "zero-turn")
+"""Discrete causes of one joint."""
 _PAIRS = ("exchanged-torques", "exchanged-positions")
+"""Discrete causes of two joints."""
 JOINTS_OF_CAUSE: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("mounting", "time-scale"), (0,)),
     **dict.fromkeys(_PAIRS, (2,)),
@@ -50,7 +52,7 @@ JOINTS_OF_CAUSE: dict[str, tuple[int, ...]] = {
     "drift": (1,),
     "elasticity": (0, 1),
 }
-"""Causes that can be assumed, in the order of their removal, with the number of joints that each may name."""
+"""Causes that can be assumed, in the order of their removal, with the numbers of joints that each may name."""
 _NOT_REMOVABLE = {
     "low-pass": "what a filter has taken away is not in the log. Log the torques before the filter, or filter positions alike.",
     "late-joint": "friction and elasticity of the joint show alike. Assume one of them, or late for all joints.",
@@ -65,7 +67,7 @@ _GRAVITY_CHANGING = ("tilt", "mounting")
 _MAX_STEPS = 4
 """Maximum number of Gauss-Newton steps."""
 _MAX_TORQUE_CHANGE = 1e-3
-"""Change of torques (rms), in sizes of the residuals, below which the iteration ends."""
+"""Change of torques (rms), relative to the residuals, below which the iteration ends."""
 _MIN_UNSPANNED_SHARE = 1e-7
 """Share of a column's squares not spanned by the others, below which no log determines its parameter."""
 _INITIAL_CUTOFF_SHARE = 0.1
@@ -77,7 +79,7 @@ _PRIOR_WIDTH = 1e3
 
 
 def wanted_causes(assume: str | Sequence[str], names: Sequence[str]) -> tuple[WantedCause, ...]:
-    """Parse causes such as ``KIND`` or ``KIND:JOINT`` and sort them in the order of their removal; raises for unknown ones.
+    """Parse causes such as ``KIND`` or ``KIND:JOINT``, and sort them in the order of their removal.
 
     >>> wanted_causes(["zero:elbow", "tilt"], ["shoulder", "elbow"])
     (WantedCause(kind='tilt', joints=()), WantedCause(kind='zero', joints=(1,)))
@@ -89,7 +91,7 @@ def wanted_causes(assume: str | Sequence[str], names: Sequence[str]) -> tuple[Wa
         for other in wanted:
             if other.kind != cause.kind:
                 continue
-            one_is_of_all_joints = () in (other.joints, cause.joints)
+            one_is_of_all_joints = () in (other.joints, cause.joints)  # and so contains the other
             if other == cause or one_is_of_all_joints:
                 raise ValueRangeError(f"assume {text!r}: the cause is given twice.")
         wanted.append(cause)
@@ -98,7 +100,7 @@ def wanted_causes(assume: str | Sequence[str], names: Sequence[str]) -> tuple[Wa
 
 
 def _wanted_cause(text: str, names: Sequence[str]) -> WantedCause:
-    """Parse one cause; raises for an unknown cause or joint, and for another number of joints than it may name."""
+    """Parse one cause; raises UnknownNameError or ValueRangeError for an unknown cause or joint, or too many joints."""
     kind, *joints = map(str.strip, text.split(":"))
     if kind in _NOT_REMOVABLE:
         raise ValueRangeError(f"{kind} cannot be assumed: {_NOT_REMOVABLE[kind]}")
@@ -123,13 +125,14 @@ class _RemovedCause:
     """Cause with its value and its correction."""
 
     wanted: WantedCause
+    """Kind and joints of the cause."""
     correct: Correction
     beta: Array
     """(k,) value β; empty for a cause without a continuous value."""
     step: float = 0.0
     """Step of β in finite differences."""
     number: float | None = None
-    """Value of a discrete cause."""
+    """Value of a discrete cause; otherwise None."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +144,7 @@ class AssumedCauses:
     base : BaseParameters, under the gravity of the robot's file
     samples : sequence of SteadySamples, on the robot's clock
     causes : tuple of the causes, in the order of their removal
-    dead : (nv,) bool array, True for joints without a torque
+    dead : (nv,) bool array, True for joints without torques in the log
     settings : FitSettings, cut-off and friction speeds for rates and laws
     x : (r,) array, values of the groups
     """
@@ -187,8 +190,8 @@ class AssumedCauses:
 
     def _states(self, samples: Sequence[SteadySamples]) -> LogStates:
         """States of all samples, causes removed: unfiltered positions and torques, rates below the cut-off."""
-        cutoff, speed = self.settings.cutoff, self.settings.friction_speed
-        s = LogStates.from_samples(self.base, samples, cutoff, speed, np.inf, whole=True)
+        cutoff, friction_speed = self.settings.cutoff, self.settings.friction_speed
+        s = LogStates.from_samples(self.base, samples, cutoff, friction_speed, np.inf, whole=True)
         return _correct_states(s, self.causes, self.x)
 
     def corrected_samples(self) -> tuple[list[SteadySamples], Array]:
@@ -196,10 +199,10 @@ class AssumedCauses:
         return self._correct(self.samples)
 
     def _correct(self, samples: Sequence[SteadySamples]) -> tuple[list[SteadySamples], Array]:
-        """Any samples with the causes removed, and their gravity (3,)."""
+        """Samples of these or other logs with the causes removed, and their gravity (3,)."""
         s = self._states(samples)
         tau = s.shifted_torques / s.gain
-        corrected = [replace(log, q=s.q[p], tau=tau[p]) for log, p in zip(samples, s.pieces, strict=True)]
+        corrected = [replace(log, q=s.q[rows], tau=tau[rows]) for log, rows in zip(samples, s.pieces, strict=True)]
         return corrected, s.gravity
 
     def correct_other_logs(self, samples: Sequence[SteadySamples]) -> list[SteadySamples]:
@@ -209,19 +212,22 @@ class AssumedCauses:
             if removed.wanted.kind == "time-scale":
                 clock_factor = removed.number or 1.0
         time_independent = tuple(removed for removed in self.causes if removed.wanted.kind not in _TIME_DEPENDENT)
-        corrected, _ = replace(self, causes=time_independent)._correct(_with_clock(samples, clock_factor))
+        on_robot_clock = _with_clock(samples, clock_factor)
+        corrected, _ = replace(self, causes=time_independent)._correct(on_robot_clock)
         return corrected
 
-    def columns(self, most: float) -> Array:
-        """(m, nv, k) columns E of β in at most ``most`` rows of the corrected log."""
-        s = LogStates.from_samples(self.base, self.samples, self.settings.cutoff, self.settings.friction_speed, most)
+    def columns(self, max_rows: float) -> Array:
+        """Columns E (m, nv, k) of β in at most ``max_rows`` rows of the corrected log."""
+        settings = self.settings
+        s = LogStates.from_samples(self.base, self.samples, settings.cutoff, settings.friction_speed, max_rows)
         columns = list[Array]()
         for index, removed in enumerate(self.causes):
             for step in removed.step * np.eye(len(removed.beta)):
                 residual_above, _ = self._negative_residual(s, index, removed.beta + step)
                 residual_below, gain = self._negative_residual(s, index, removed.beta - step)
-                e = s.low_passed((residual_above - residual_below) / (2.0 * removed.step))[s.rows]
-                columns.append(e / gain * ~self.dead)  # torques of the rows are over their gains
+                slope = (residual_above - residual_below) / (2.0 * removed.step)
+                e = s.low_passed(slope)[s.rows]
+                columns.append(e / gain * ~self.dead)  # torques of the rows are divided by their gains, too
         if not columns:
             return np.zeros((len(s.rows), len(s.gain), 0))
         return np.stack(columns, axis=-1)
@@ -229,18 +235,20 @@ class AssumedCauses:
     def _negative_residual(self, s: LogStates, index: int, beta: Array) -> tuple[Array, Array]:
         """τ̂ - τ (n, nv) of states, and their gains (nv,), if the cause with this index has another value β."""
         changed = replace(self.causes[index], beta=beta)
-        corrected = _correct_states(s, (*self.causes[:index], changed, *self.causes[index + 1 :]), self.x)
+        all_causes = (*self.causes[:index], changed, *self.causes[index + 1 :])
+        corrected = _correct_states(s, all_causes, self.x)
         springs = spring_torques(corrected.base, corrected.q, corrected.dq, corrected.ddq)
         predicted, _ = corrected.torques(self.x)
         return predicted + springs - corrected.shifted_torques, corrected.gain
 
-    def refine(self, build: Build, method: Method, most: float) -> tuple[AssumedCauses, FitSettings, Built]:
-        """Refine the values for the rows of the fit, together with its settings.
+    def refine(self, build: Build, method: Method, max_rows: float) -> tuple[AssumedCauses, FitSettings, Built]:
+        """Refine the values for the rows of the fit: causes with refined values, settings, and the rows built with both.
 
         Raises ValueRangeError if the logs do not determine a value.
         """
         base = self.base  # for any direction of gravity
-        if not any(removed.wanted.kind in _GRAVITY_CHANGING for removed in self.causes):
+        changes_gravity = any(removed.wanted.kind in _GRAVITY_CHANGING for removed in self.causes)
+        if not changes_gravity:
             base = BaseParameters.from_unknowns(self.base.unknown)
         assumed = self
         samples, gravity = self.corrected_samples()
@@ -252,10 +260,11 @@ class AssumedCauses:
             trial = Trial(setting_rows, settings)
             x, *_ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
             assumed = replace(assumed, base=base, settings=settings, x=x)
-            E = assumed.columns(most)
+            E = assumed.columns(max_rows)
             if not E.shape[2]:  # no cause has a value
                 break
-            felt = np.concatenate([trial.felt, (E != 0.0).any(axis=0)], axis=1)
+            felt_values = (E != 0.0).any(axis=0)
+            felt = np.concatenate([trial.felt, felt_values], axis=1)
             W = np.concatenate([trial.W, E], axis=2)
             y, sigma, weights = weighted_fit(W, trial.tau, prior_with(prior, E, trial.tau), method, felt)
             assumed.check(W, np.sqrt(weights) / sigma)
@@ -269,26 +278,28 @@ class AssumedCauses:
         return assumed, settings, built
 
     def _slices(self) -> list[slice]:
-        """Places of each cause's values among the values of all causes."""
+        """Slice of each cause's values among the values of all causes."""
         return consecutive_slices(len(removed.beta) for removed in self.causes)
 
     def with_step(self, step: Array) -> AssumedCauses:
         """Causes with values changed by ``step`` (k,)."""
         changed = list[_RemovedCause]()
-        for removed, place in zip(self.causes, self._slices(), strict=True):
-            changed.append(replace(removed, beta=removed.beta + step[place]))
+        for removed, own_values in zip(self.causes, self._slices(), strict=True):
+            changed.append(replace(removed, beta=removed.beta + step[own_values]))
         return replace(self, causes=tuple(changed))
 
     def check(self, W: Array, root_weights: Array) -> None:
         """Raise ValueRangeError if weighted rows [W E] (m, nv, r + k) cannot distinguish a value from the groups."""
-        N = NormalEquations.from_rows(W, 0.0 * root_weights, root=root_weights).N.sum(axis=0)
-        size = np.sqrt(np.maximum(N.diagonal(), 1e-300))
-        inverse = np.linalg.inv(N / size[:, None] / size + 1e-10 * np.eye(len(N)))
+        equations = NormalEquations.from_rows(W, 0.0 * root_weights, root=root_weights)
+        N = equations.N.sum(axis=0)
+        size = np.sqrt(np.maximum(N.diagonal(), 1e-300))  # not zero
+        inverse = np.linalg.inv(N / size[:, None] / size + 1e-10 * np.eye(len(N)))  # regular despite rounding errors
         # of columns of unit length, 1 / (N⁻¹)_ii is the square of the part that the others do not span
-        unspanned = 1.0 / inverse.diagonal()[len(self.x) :]
-        unspanned *= (W != 0.0).any(axis=(0, 1))[len(self.x) :]  # 0 for columns of zeros
-        for removed, place in zip(self.causes, self._slices(), strict=True):
-            if (unspanned[place] < _MIN_UNSPANNED_SHARE).any():
+        unspanned_share = 1.0 / inverse.diagonal()[len(self.x) :]
+        has_entries = (W != 0.0).any(axis=(0, 1))[len(self.x) :]
+        unspanned_share *= has_entries  # 0 for columns of zeros
+        for removed, own_values in zip(self.causes, self._slices(), strict=True):
+            if (unspanned_share[own_values] < _MIN_UNSPANNED_SHARE).any():
                 raise ValueRangeError(
                     f"{self.text_of(removed.wanted)} cannot be assumed: these logs do not separate it from the parameters."
                 )
@@ -304,11 +315,11 @@ class AssumedCauses:
         half_widths = covariance.half_width()[len(self.x) :]
         _, gravity_of_log = self.corrected_samples()
         assumed = list[AssumedCause]()
-        for removed, place in zip(self.causes, self._slices(), strict=True):
+        for removed, own_values in zip(self.causes, self._slices(), strict=True):
             kind = removed.wanted.kind
             value, interval = removed.number, None
             if len(removed.beta):
-                value, interval = causes.value_with_interval(kind, removed.beta, half_widths[place])
+                value, interval = causes.value_with_interval(kind, removed.beta, half_widths[own_values])
             joints = tuple(names[k] for k in removed.wanted.joints)
             unit = "" if value is None else doubt_table()[kind].unit
             gravity = tuple(gravity_of_log.tolist()) if kind in _GRAVITY_CHANGING else None
@@ -316,17 +327,18 @@ class AssumedCauses:
         return tuple(assumed)
 
 
-def begin_settings(nv: int, samples: Sequence[SteadySamples], asked: FitOptions) -> FitSettings:
-    """Initial settings of the search, before settings are chosen."""
-    cutoff = asked.cutoff or _INITIAL_CUTOFF_SHARE * lowest_rate(samples)
-    friction_speed = asked.friction_speed or _INITIAL_FRICTION_SPEED
-    return FitSettings(cutoff, np.full(nv, friction_speed), asked.shift or 0.0)
+def begin_settings(nv: int, samples: Sequence[SteadySamples], options: FitOptions) -> FitSettings:
+    """Initial settings of the search: those that the options fix, and usual values of the others."""
+    cutoff = options.cutoff or _INITIAL_CUTOFF_SHARE * lowest_rate(samples)
+    friction_speed = options.friction_speed or _INITIAL_FRICTION_SPEED
+    return FitSettings(cutoff, np.full(nv, friction_speed), options.shift or 0.0)
 
 
 def prior_with(prior: Prior, E: Array, tau: Array) -> Prior:
     """Weak prior of the groups and of β, whose columns are E (m, nv, k)."""
     largest_torque = np.sqrt((tau**2).mean(axis=0).max())  # rms of a joint
-    torque_per_value = np.maximum(np.sqrt((E**2).mean(axis=(0, 1))), 1e-300)
+    rms_of_columns = np.sqrt((E**2).mean(axis=(0, 1)))
+    torque_per_value = np.maximum(rms_of_columns, 1e-300)  # not zero
     size = _PRIOR_WIDTH * largest_torque / torque_per_value
     return Prior(np.append(prior.mean, np.zeros(len(size))), np.append(prior.size, size))
 
@@ -341,6 +353,7 @@ def fit_covariance(trial: Trial, E: Array, x: Array, sigma: Array, weights: Arra
 
 
 def _keep_states(s: LogStates, _x: Array, _beta: Array) -> LogStates:
+    """Correction of a cause that is already removed elsewhere: the states unchanged."""
     return s
 
 
@@ -359,13 +372,13 @@ def _joints(wanted: WantedCause, s: LogStates) -> tuple[int, ...]:
 def _with_law(wanted: WantedCause, fit: CauseFit, x: Array) -> tuple[_RemovedCause, CauseFit]:
     """Joint law with its coefficient, and the fit that contains it."""
     s = fit.states
-    name = (wanted.kind, _joints(wanted, s))
-    law = next(law for law in causes.laws(s) if (law.kind, law.joints) == name)
+    kind_and_joints = (wanted.kind, _joints(wanted, s))
+    law = next(law for law in causes.laws(s) if (law.kind, law.joints) == kind_and_joints)
     (columns,) = law_columns(fit, [law], FittedTorques.from_groups(s, x))
     refit = fit.refit(s, columns[..., 0])
 
     def correct(s: LogStates, x: Array, beta: Array) -> LogStates:
-        """States whose torques do not contain that of the law."""
+        """States with torques without the torque of the law."""
         columns = law.columns(s, FittedTorques.from_groups(s, x))
         return s.with_fields(tau=s.shifted_torques - beta[0] * columns[..., 0], shift=0.0)
 
@@ -378,14 +391,15 @@ def _candidates(wanted: WantedCause, s: LogStates, x: Array) -> list[Cause]:
     joints = wanted.joints
     if wanted.kind == "elasticity":
         joints = _joints(wanted, s)
-        all_causes = [*causes.compliances(s, s.low_passed(s.torques(x)[0]))]
+        predicted, _ = s.torques(x)
+        all_causes = [*causes.compliances(s, s.low_passed(predicted))]
     else:
         all_causes = [*causes.discrete_causes(s, joints), *causes.continuous_causes(s, wide=True)]
     return [cause for cause in all_causes if (cause.kind, cause.joints) == (wanted.kind, joints)]
 
 
 def _removal(wanted: WantedCause, s: LogStates, x: Array, found: FoundCause) -> _RemovedCause:
-    """Correction by a cause that was estimated from states with groups x."""
+    """Removal of a cause that was estimated, as ``found``, from states with groups x."""
     if wanted.kind == "time-scale":
         return _RemovedCause(wanted, _keep_states, np.zeros(0), number=found.number)
     candidates = _candidates(wanted, s, x)
@@ -394,7 +408,7 @@ def _removal(wanted: WantedCause, s: LogStates, x: Array, found: FoundCause) -> 
     cause = candidates[0]
     joints = _joints(wanted, s)
     predicted, _ = s.torques(x)
-    largest = np.abs(s.low_passed(predicted)).max(axis=0)  # torques to which β of an elasticity refers
+    largest_torques = np.abs(s.low_passed(predicted)).max(axis=0)  # to which β of an elasticity refers
 
     def correct_as_found(s: LogStates, _x: Array, _beta: Array) -> LogStates:
         return found.correct(s) if found.correct else s
@@ -403,7 +417,8 @@ def _removal(wanted: WantedCause, s: LogStates, x: Array, found: FoundCause) -> 
         return cause.correct(s, beta)
 
     def correct_elasticity(s: LogStates, x: Array, beta: Array) -> LogStates:
-        compliances = causes.compliances(s, s.low_passed(s.torques(x)[0]), largest)
+        torques, _ = s.torques(x)
+        compliances = causes.compliances(s, s.low_passed(torques), largest_torques)
         compliance = next(candidate for candidate in compliances if candidate.joints == joints)
         return compliance.correct(s, beta)
 
@@ -417,14 +432,15 @@ def _removal(wanted: WantedCause, s: LogStates, x: Array, found: FoundCause) -> 
 def _with_stribeck(unknown: UnknownParameters, fit: CauseFit) -> UnknownParameters:
     """Unknown parameters with static friction of each joint, at the Stribeck speed that explains most."""
     s = fit.states
-    fitted = FittedTorques.from_groups(s, fit.x[: s.base.count])
-    gain_and_speed = list[tuple[float, float]]()
+    fitted_torques = FittedTorques.from_groups(s, fit.x[: s.base.count])
+    gains_and_speeds = list[tuple[float, float]]()
     for speed in causes.STRIBECK_SPEEDS:
-        single_joint = ("stribeck", speed, 1)
-        laws = (law for law in causes.laws(s) if (law.kind, law.speed, len(law.joints)) == single_joint)
-        columns = [e[..., 0] for e in law_columns(fit, laws, fitted) if e.any()]
-        gain_and_speed.append((fit.gain(fit.refit(s, *columns)), speed))
-    _, best_speed = max(gain_and_speed)
+        wanted_law = ("stribeck", speed, 1)  # of single joints
+        laws = (law for law in causes.laws(s) if (law.kind, law.speed, len(law.joints)) == wanted_law)
+        columns = [e[..., 0] for e in law_columns(fit, laws, fitted_torques) if e.any()]
+        refit = fit.refit(s, *columns)
+        gains_and_speeds.append((fit.gain(refit), speed))
+    _, best_speed = max(gains_and_speeds)
     friction = tuple(dict.fromkeys((*unknown.friction, "stribeck")))
     return replace(unknown, friction=friction, stribeck_speed=best_speed)
 

@@ -1,4 +1,4 @@
-"""Nonzero entries of rows of equations, from one kernel of the bodies and the columns of drives."""
+"""Nonzero entries of rows of equations: a kernel returns the entries of bodies, and drives have columns of their own."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ def consecutive_slices(lengths: Iterable[int]) -> list[slice]:
     >>> consecutive_slices([2, 3])
     [slice(0, 2, None), slice(2, 5, None)]
     """
-    slices, begin = list[slice](), 0
+    slices = list[slice]()
+    begin = 0
     for length in lengths:
         slices.append(slice(begin, begin + length))
         begin += length
@@ -30,14 +31,14 @@ def consecutive_slices(lengths: Iterable[int]) -> list[slice]:
 
 @dataclass(frozen=True, eq=False)
 class BaseColumns:
-    """Nonzero entries of rows of equations, with their positions: 214 of 483 for seven joints with 69 groups.
+    """Nonzero entries of rows of equations, with their positions: 214 of 483 entries for seven joints with 69 groups.
 
-    One kernel returns the entries of the bodies, with constants folded. Entries of drives are computed besides.
+    One kernel returns the entries of the bodies, with constants folded. Entries of drives are computed separately.
     """
 
     base: BaseParameters
-    groups: tuple[Array, ...]  # groups with nonzero columns at each joint
-    slices: tuple[slice, ...]  # position of each joint's entries in a row
+    groups: tuple[Array, ...]  # for each joint, indices of the groups with nonzero columns
+    slices: tuple[slice, ...]  # for each joint, its entries in a row
 
     @classmethod
     def from_parameters(cls, base: BaseParameters) -> BaseColumns:
@@ -54,15 +55,16 @@ class BaseColumns:
         """Entries (n, count) at given states, joint by joint."""
         unknown, kept = self.base.unknown, self.base.kept
         entries = np.empty((len(q), self.count))
-        is_of_body = [unknown.of_bodies[kept[groups]] >= 0 for groups in self.groups]  # of each joint's entries
+        is_of_body = [unknown.of_bodies[kept[groups]] >= 0 for groups in self.groups]  # a mask for each joint
         body_entries = np.flatnonzero(np.concatenate(is_of_body))
         if body_entries.size:
             entries[:, body_entries] = self._kernel(q, dq, ddq)
         factors = unknown.drives(kept[self.base.drives], dq, ddq, friction_speed)
         for group, factor in zip(self.base.drives.tolist(), factors.T, strict=True):
             for joint in np.flatnonzero(self.base.felt[:, group]).tolist():
-                place = int(np.searchsorted(self.groups[joint], group))  # among the joint's entries
-                entries[:, self.slices[joint].start + place] = factor * unknown.shares[kept[group], joint]
+                index_at_joint = int(np.searchsorted(self.groups[joint], group))
+                entry = self.slices[joint].start + index_at_joint
+                entries[:, entry] = factor * unknown.shares[kept[group], joint]
         return entries
 
     @property
@@ -73,7 +75,7 @@ class BaseColumns:
         pairs: list[tuple[int, int]] = []  # joint, and column of the regressor
         for joint, groups in enumerate(self.groups):
             columns_of_joint = column_of_group[groups]
-            body_columns = columns_of_joint[columns_of_joint >= 0]  # -1 of groups of drives
+            body_columns = columns_of_joint[columns_of_joint >= 0]  # without groups of drives, which have -1
             pairs += [(joint, column) for column in body_columns.tolist()]
         rows, columns = np.array(pairs, int).reshape(-1, 2).T
 
@@ -84,8 +86,7 @@ class BaseColumns:
                 return regressor(model, q, dq, ddq)[rows, columns]
 
             inputs = [("q", (model.nq,)), ("dq", (model.nv,)), ("ddq", (model.nv,))]
-            return compile_form(
-                trace(entries, inputs, ["entries"]), "base_columns", f"Columns of the groups of {model.name}."
-            )
+            program = trace(entries, inputs, ["entries"])
+            return compile_form(program, "base_columns", f"Columns of the groups of {model.name}.")
 
         return unknown.robot.engine.cache(("base columns", tuple(pairs)), build)

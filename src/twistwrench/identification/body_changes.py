@@ -1,13 +1,13 @@
 """Changes of the bodies that an identification found: masses and centres of mass against the file's, and a mounted tool.
 
-A log determines few masses by themselves. Deviations of single masses therefore come from a fit with the file as prior, which
-is taken as right to 20 % at least. With A the derivatives of the groups by the coordinates of a step that keeps bodies
-consistent, C the covariance of the groups, and P = 1 / min(γ, 25), the covariance in these coordinates is
+A log determines few masses by themselves. Deviations of single masses therefore come from a fit with the file as prior, whose
+errors are assumed to be 20 % at least. Let A be the derivatives of the groups by the coordinates of a step that keeps bodies
+consistent, C the covariance of the groups, and P = 1 / min(γ, 25). The covariance in these coordinates is
 
     cov = P - P A' (A P A' + C)^-1 A P
 
-Two changes δ of the parameters are added to it as δ δ': by a prior that is a hundred times weaker, and by a fit in which one
-body alone differs from the file.
+Two changes δ of the parameters are added to it as δ δ': the change with a prior that is a hundred times weaker, and the change
+in a fit in which one body alone differs from the file.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 _MIN_DEVIATIONS = 2.0
 """Least sure change of a mass, in its standard deviations."""
 _MIN_SQUARED_DEVIATIONS = 7.81
-"""Least sure change of three coordinates, as its squared standard deviations: 95 % of χ² with three degrees of freedom."""
+"""Least squared Mahalanobis distance of a sure change of three coordinates: 95 % of χ² with three degrees of freedom."""
 _MIN_TOOL_DEVIATIONS = 5.0
 """Least mass of a tool, in its standard deviations."""
 _MIN_TOOL_MASS = 0.03
 """Least mass of a tool, as a share of the moving mass."""
 _MIN_EXCESS_SHARE = 0.95
-"""Least share of the file's excess residual that a tool explains."""
+"""Least share of the file's excess squared residual that a tool explains."""
 _MC = [PARAMETER_NAMES.index(name) for name in ("mcx", "mcy", "mcz")]
 """Indices of the first moments among the parameters of a body."""
 _M = PARAMETER_NAMES.index("m")
@@ -72,7 +72,8 @@ class BodyChanges:
     links : sequence of str, names of the n bodies
     before, masses : (n,) arrays, mass in the file and identified mass [kg]
     covariance : (n, n) array, of the identified masses [kg²]
-    moved : (n,) array, distance between both centres of mass [m]; nan for a body without mass in the file
+    moved : (n,) array, distance between the centres of mass in the file and identified [m]; nan for a body without mass in
+        the file
     is_moved : (n,) bool array, True if the move of the centre is sure
     tool : LoneChange or None, change of the one body that explains the log
     """
@@ -92,14 +93,15 @@ class BodyChanges:
 
     @property
     def is_heavier(self) -> Array:
-        """(n,) bool array, True if the change of the mass is sure."""
+        """(n,) bool array, True if the change of the mass is sure, to a larger or a smaller mass."""
         return np.asarray(np.abs(self.masses - self.before) > _MIN_DEVIATIONS * self.deviations)
 
     @property
     def is_sum_heavier(self) -> bool:
-        """True if the change of the sum of the masses is sure."""
+        """True if the change of the sum of the masses is sure, to a larger or a smaller sum."""
         change = float((self.masses - self.before).sum())
-        return abs(change) > _MIN_DEVIATIONS * math.sqrt(max(float(self.covariance.sum()), 0.0))
+        variance = max(float(self.covariance.sum()), 0.0)
+        return abs(change) > _MIN_DEVIATIONS * math.sqrt(variance)
 
     def to_list(self) -> list[dict[str, Any]]:
         """Plain data of each body, in SI units.
@@ -114,7 +116,9 @@ class BodyChanges:
         >>> one.to_list()[0]["mass_changed"], one.is_sum_heavier
         (True, True)
         """
-        bodies, deviations, is_heavier = [], self.deviations, self.is_heavier
+        bodies = []
+        deviations = self.deviations
+        is_heavier = self.is_heavier
         for k, link in enumerate(self.links):
             bodies.append({
                 "link": link, "file_mass": float(self.before[k]), "mass": float(self.masses[k]),
@@ -126,16 +130,18 @@ class BodyChanges:
 
 def body_changes(found: IdentifiedRobot) -> BodyChanges:
     """Masses and centres of the consistent bodies against the file's, and the body that alone explains the log."""
-    unknown, consistent = found.base.unknown, found.consistent
-    fit = _Fit(found)
-    tool = fit.tool
-    C = fit.covariance
+    unknown = found.base.unknown
+    consistent_values = found.consistent.fit.values
+    fits = _ComparisonFits(found)
+    tool = fits.tool
+    C = fits.covariance
     if tool is not None:
-        C = C + _outer_square(tool.values - consistent.fit.values)
-    columns = 10 * np.array(unknown.bodies, int)[:, None] + np.arange(10)  # of the regressor
-    indices = np.argmax(unknown.of_bodies == columns[..., None], axis=-1)  # (n, 10) of the bodies' parameters
-    before, after = unknown.file_values[indices], consistent.fit.values[indices]
-    moved, is_moved = [], []
+        C = C + _outer_square(tool.values - consistent_values)
+    columns = 10 * np.array(unknown.bodies, int)[:, None] + np.arange(10)  # of the regressor, ten for each body
+    is_column = unknown.of_bodies == columns[..., None]
+    indices = np.argmax(is_column, axis=-1)  # (n, 10): the unknown parameter that stands for each column
+    before, after = unknown.file_values[indices], consistent_values[indices]
+    distances, is_moved = [], []
     for old, new, own_indices in zip(before, after, indices, strict=True):
         has_mass = old[_M] > 0
         c = old[_MC] / old[_M] if has_mass else np.zeros(3)
@@ -145,28 +151,34 @@ def body_changes(found: IdentifiedRobot) -> BodyChanges:
         covariance = J @ C[np.ix_(moments_and_mass, moments_and_mass)] @ J.T
         squared_deviations = float(change @ np.linalg.pinv(covariance, hermitian=True) @ change)
         is_moved.append(squared_deviations > _MIN_SQUARED_DEVIATIONS)
-        moved.append(float(np.linalg.norm(new[_MC] / new[_M] - c)) if has_mass else math.nan)
-    masses = indices[:, _M]
-    links = [unknown.model.bodies[i].link for i in unknown.bodies]
+        distances.append(float(np.linalg.norm(new[_MC] / new[_M] - c)) if has_mass else math.nan)
+    mass_indices = indices[:, _M]
     return BodyChanges(
-        links, before[:, _M], after[:, _M], C[np.ix_(masses, masses)], np.array(moved), np.array(is_moved, bool), tool
+        links=[unknown.model.bodies[i].link for i in unknown.bodies],
+        before=before[:, _M],
+        masses=after[:, _M],
+        covariance=C[np.ix_(mass_indices, mass_indices)],
+        moved=np.array(distances),
+        is_moved=np.array(is_moved, bool),
+        tool=tool,
     )
 
 
 def _outer_square(x: Array) -> Array:
+    """The matrix x x'."""
     return np.outer(x, x)
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
-    """Further fits to the rows of an identification."""
+class _ComparisonFits:
+    """Fits to the rows of an identification, which its result is compared with."""
 
     found: IdentifiedRobot
 
     @cached_property
     def fifths(self) -> list[Information]:
-        """Normal equations N, c and |τ|² of each fifth of the time, without empty ones."""
-        return [fifth for fifth in self.found._information() if fifth[2] > 0]
+        """Normal equations N, c and |τ|² of each fifth of the time that has torques."""
+        return [(N, c, squares) for N, c, squares in self.found._information() if squares > 0]
 
     @cached_property
     def covariance(self) -> Array:
@@ -176,41 +188,50 @@ class _Fit:
         problem = PositiveProblem(found.base, prior, *sum_of(self.fifths), found.sizes)
         stronger = [strength for strength in STRENGTHS if strength > fit.strength]
         # the path to a weak prior leads over all stronger ones
-        weak_fit = problem.path([*stronger, fit.strength, 0.1 * fit.strength, 0.01 * fit.strength])[-1]
-        return problem.covariance(fit, found.covariance.matrix) + _outer_square(weak_fit.values - fit.values)
+        *_, weak_fit = problem.path([*stronger, fit.strength, 0.1 * fit.strength, 0.01 * fit.strength])
+        covariance = problem.covariance(fit, found.covariance.matrix)
+        return covariance + _outer_square(weak_fit.values - fit.values)
 
     def lone_change(self, link: str) -> LoneChange:
         """Change of one body if no other differs from the file."""
-        base, unknown, sizes = self.found.base, self.found.base.unknown, self.found.sizes
+        base, unknown = self.found.base, self.found.base.unknown
         owners = np.array([name.rpartition(".")[0] for name in unknown.names])
         is_drive = (unknown.of_bodies < 0) & ~unknown.held
         is_of_link = (owners == link) & ~unknown.held
-        free = np.flatnonzero(is_drive | is_of_link)
+        free = np.flatnonzero(is_drive | is_of_link)  # indices of the parameters that may change
         start = np.where(is_drive, 0.0, unknown.file_values)
-        x_start, K = base.project(start), base.grouping[:, free]  # groups are x_start + K z for changes z of free ones
-        prior = Prior(np.zeros(len(free)), sizes[free])
+        # groups are x_start + K z for changes z of the free parameters
+        x_start = base.project(start)
+        K = base.grouping[:, free]
+        prior = Prior(np.zeros(len(free)), self.found.sizes[free])
 
         def solve(rows: Information) -> Array:
             """Changes of the free parameters, fitted to rows."""
             N, c, _ = rows
             return prior.solve(K.T @ N @ K, K.T @ (c - N @ x_start))
 
-        total = sum_of(self.fifths)
-        N, _, squared_torques = total
-        squares = 0.0
+        all_rows = sum_of(self.fifths)
+        N, _, squared_torques = all_rows
+        squared_residuals = 0.0
         for held_out, training in left_out(self.fifths):
-            squares += squares_of(held_out, x_start + K @ solve(training))
-        m = int(np.flatnonzero(free == unknown.names.index(f"{link}.m"))[0])
+            squared_residuals += squares_of(held_out, x_start + K @ solve(training))
+        mass_index = unknown.names.index(f"{link}.m")
+        m = free.tolist().index(mass_index)
         mass_by_groups = N @ K @ prior.solve(K.T @ N @ K, np.eye(len(free))[m])
-        deviation = math.sqrt(max(float(mass_by_groups @ self.found.covariance.matrix @ mass_by_groups), 0.0))
+        variance = float(mass_by_groups @ self.found.covariance.matrix @ mass_by_groups)
         values = start.copy()
-        values[free] += solve(total)
-        mass_change = float(values[free[m]] - start[free[m]])
-        return LoneChange(link, mass_change, deviation, math.sqrt(squares / squared_torques), values)
+        values[free] += solve(all_rows)
+        return LoneChange(
+            link,
+            mass=float(values[mass_index] - start[mass_index]),
+            deviation=math.sqrt(max(variance, 0.0)),
+            held_out=math.sqrt(squared_residuals / squared_torques),
+            values=values,
+        )
 
     @property
     def held_out_with_gain(self) -> float:
-        """|τ - τ̂| / |τ| of held-out fifths, if one factor of all bodies and the drives alone differ from the file."""
+        """|τ - τ̂| / |τ| of held-out fifths, if only the drives and one factor of all bodies differ from the file."""
         base, unknown = self.found.base, self.found.base.unknown
         is_body = unknown.of_bodies >= 0
         drives = np.flatnonzero(~is_body & ~unknown.held)
@@ -218,19 +239,20 @@ class _Fit:
         x_bodies = base.project(np.where(is_body & ~unknown.held, unknown.file_values, 0.0))
         # groups are x_start + K z, with z the change of the factor from 1, and values of the drives
         K = np.column_stack([x_bodies, base.grouping[:, drives]])
-        prior = Prior(np.zeros(1 + len(drives)), np.append(1.0, self.found.sizes[drives]))
-        squares = 0.0
+        sizes = np.append(1.0, self.found.sizes[drives])
+        prior = Prior(np.zeros(1 + len(drives)), sizes)
+        squared_residuals = 0.0
         for held_out, (N, c, _) in left_out(self.fifths):
             z = prior.solve(K.T @ N @ K, K.T @ (c - N @ x_start))
-            squares += squares_of(held_out, x_start + K @ z)
+            squared_residuals += squares_of(held_out, x_start + K @ z)
         _, _, squared_torques = sum_of(self.fifths)
-        return math.sqrt(squares / squared_torques)
+        return math.sqrt(squared_residuals / squared_torques)
 
     @property
     def tool(self) -> LoneChange | None:
-        """Change of a last body that explains nearly all of the file's excess residual; None without such a body.
+        """Change of a body at the end of a chain that explains nearly all of the file's excess residual; None without one.
 
-        The result is None, too, if one factor of all bodies explains as much: no log distinguishes it from a gain of the
+        The result is also None if one factor of all bodies explains as much: no log distinguishes it from a gain of the
         torques.
         """
         found, unknown = self.found, self.found.base.unknown
@@ -241,7 +263,8 @@ class _Fit:
         ends = [i for i in unknown.bodies if i not in carriers and f"{bodies[i].link}.m" not in unknown.known]
         if not ends:
             return None
-        change = min((self.lone_change(bodies[i].link) for i in ends), key=lambda change: change.held_out)
+        changes = [self.lone_change(bodies[i].link) for i in ends]
+        change = min(changes, key=lambda change: change.held_out)
         if file_squares - change.held_out**2 < min_explained:
             return None
         if file_squares - self.held_out_with_gain**2 >= min_explained:

@@ -43,17 +43,19 @@ STRENGTHS = tuple(10.0**k for k in range(5, -3, -1))
 """Available weights γ of the divergence, in units of the squared residuals, from large to small."""
 MOST_STEPS = 50
 """Maximum number of Newton steps at one γ."""
-_STEPS_OF_DECADE = 3  # intermediate steps per decade of γ
+_STRENGTHS_PER_DECADE = 3  # minima that are computed on the way to a γ ten times smaller
 _MAX_DECREMENT = 1e-10
 """Squared Newton decrement, as a share of the cost, at which the minimum is reached."""
 _MIN_DECREASE = 1e-4
 """Decrease of the cost, as a share of the linear prediction, from which a step is accepted (Armijo)."""
 _MIN_STEP = 1e-10
-"""Factor of a Newton step below which it is not shortened further."""
+"""Factor of a Newton step below which the step is not shortened any more."""
 _MIN_MOMENT_SHARE = 1e-3
-"""Least second moment of a prior body, as a share of its largest one."""
+"""Least second moment of a prior body, as a share of its largest second moment."""
 _MIN_MASS_SHARE = 1e-3
-"""Mass of a prior body that has none in the file, as a share of the robot's mass."""
+"""Mass of a prior body that has no mass in the file, as a share of the robot's mass."""
+_NO_MASS = 1e-9
+"""Largest mass that counts as none, as a share of the robot's mass."""
 _RADIUS_SHARE = 0.05
 """Radius of gyration of a prior body without extent, as a share of the robot's reach."""
 _MIN_DRIVE_SHARE = 1e-3
@@ -64,7 +66,7 @@ _WEIGHT_OF_KNOWN = 1e6  # weight of known values, in units of the residuals, per
 
 
 def _orthonormal_basis() -> Array:
-    """(10, 4, 4) orthonormal basis of the symmetric 4x4 matrices."""
+    """Orthonormal basis (10, 4, 4) of the symmetric 4 × 4 matrices."""
     basis = np.zeros((10, 4, 4))
     entries = [(i, j) for i in range(4) for j in range(i, 4)]
     for matrix, (i, j) in zip(basis, entries, strict=True):
@@ -74,8 +76,9 @@ def _orthonormal_basis() -> Array:
 
 _E = _orthonormal_basis()
 _TO_PSEUDO = np.stack([SpatialInertia.from_parameters(e).pseudo_inertia for e in np.eye(10)])
-"""(10, 4, 4) basis: J = Σ_k π_k of these matrices."""
-_FROM_PSEUDO = np.linalg.inv(np.einsum("kij,aij->ak", _TO_PSEUDO, _E))  # (10, 10): π from the ten coordinates of J
+"""Matrices M_k (10, 4, 4), with J = Σ_k π_k M_k for the ten parameters π of a body."""
+_FROM_PSEUDO = np.linalg.inv(np.einsum("kij,aij->ak", _TO_PSEUDO, _E))
+"""Matrix (10, 10) that maps the coordinates of J in the basis _E to the parameters π."""
 
 
 def pseudo_inertia(parameters: Array) -> Array:
@@ -91,7 +94,7 @@ class PositiveFit:
     values: Array  # (p,), of all unknown parameters
     cost: float  # f at the minimum, including the constant of the residuals
     steps: int  # Newton steps at this strength
-    above: float = 0.0  # bound of the suboptimality, from the last Newton decrement
+    above: float = 0.0  # bound of the excess of f over its minimum, from the last Newton decrement
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +102,7 @@ class PositivePrior:
     """Prior bodies and drives of a fit."""
 
     bodies: Array  # (n, 4, 4), positive definite pseudo-inertias of the moving links
-    drives: Array  # (p,), positive; 1 where the parameter is free
+    drives: Array  # (p,), positive values of parameters; 1 for parameters without a prior value
     positive: Array  # (p,) bool, parameters of drives that must be positive
     repaired: tuple[str, ...]  # links whose inertia in the file is on the boundary of physical consistency
 
@@ -116,18 +119,21 @@ class PositivePrior:
             if is_thickened:
                 repaired.append(body.link)
         kinds = np.array(base.unknown.kinds)
-        positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb", "stribeck"))
-        drives = np.where(positive, _MIN_DRIVE_SHARE * sizes, 1.0)
+        is_positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb", "stribeck"))
+        drives = np.where(is_positive, _MIN_DRIVE_SHARE * sizes, 1.0)
         group_differences = values - base.project(base.unknown.file_values)  # which the drives must provide
-        for k in np.flatnonzero(positive):
+        for k in np.flatnonzero(is_positive):
             groups = np.flatnonzero(base.grouping[:, k])
             if groups.size:
                 group = groups[0]
-                drives[k] = max(drives[k], float(group_differences[group] / base.grouping[group, k]))
-        known = positive & base.unknown.held
-        min_known = _MIN_DRIVE_SHARE * _MIN_DRIVE_SHARE * sizes[known]  # a known value may be 0, its logarithm not
-        drives[known] = np.maximum(base.unknown.file_values[known], min_known)
-        return cls(np.array(bodies), drives, positive, tuple(repaired))
+                needed_value = float(group_differences[group] / base.grouping[group, k])
+                drives[k] = max(drives[k], needed_value)
+        is_known = is_positive & base.unknown.held
+        min_known = (
+            _MIN_DRIVE_SHARE * _MIN_DRIVE_SHARE * sizes[is_known]
+        )  # f has the logarithm, and a known value may be 0
+        drives[is_known] = np.maximum(base.unknown.file_values[is_known], min_known)
+        return cls(np.array(bodies), drives, is_positive, tuple(repaired))
 
 
 def _thicken(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bool]:
@@ -136,7 +142,7 @@ def _thicken(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bool
     ``mass`` and ``length`` are those of the whole robot. S are the second moments about the centre of mass.
     """
     m = float(G.mass)
-    is_changed = not m > 1e-9 * mass
+    is_changed = not m > _NO_MASS * mass
     if is_changed:
         m, c, S = _MIN_MASS_SHARE * mass, np.zeros(3), np.zeros((3, 3))
     else:
@@ -151,8 +157,9 @@ def _thicken(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bool
         is_changed = True
         is_point = moments.max() <= moment_of_point
         moments = np.maximum(moments, moment_of_point if is_point else min_moment)
-    S = (axes * moments) @ axes.T + m * np.outer(c, c)
-    return np.block([[S, m * c[:, None]], [m * c[None, :], np.array([[m]])]]), is_changed
+    S = (axes * moments) @ axes.T + m * np.outer(c, c)  # about the origin
+    J = np.block([[S, m * c[:, None]], [m * c[None, :], np.array([[m]])]])
+    return J, is_changed
 
 
 class PositiveProblem:
@@ -164,8 +171,9 @@ class PositiveProblem:
     def __init__(self, base: BaseParameters, prior: PositivePrior, N: Array, c: Array, y: float, sizes: Array) -> None:
         self.base, self.prior = base, prior
         K = base.grouping
-        self.H, self.g = K.T @ N @ K, K.T @ c
-        held = np.flatnonzero(base.unknown.held)
+        self.H = K.T @ N @ K
+        self.g = K.T @ c
+        held = np.flatnonzero(base.unknown.held)  # indices of parameters with known values
         weight = (_WEIGHT_OF_KNOWN / sizes[held]) ** 2
         known = base.unknown.file_values[held]
         self.H[held, held] += weight
@@ -173,11 +181,12 @@ class PositiveProblem:
         self.y = y + float(weight @ known**2)
         of_bodies = base.unknown.of_bodies
         columns = 10 * np.array(base.unknown.bodies, int)[:, None] + np.arange(10)  # (n, 10), of the regressor
-        self._bodies = np.argmax(of_bodies == columns[..., None], axis=-1)  # (n, 10) indices of the bodies' parameters
+        is_column = of_bodies == columns[..., None]
+        self._bodies = np.argmax(is_column, axis=-1)  # (n, 10) indices of the bodies' parameters
         self._drives = np.flatnonzero(prior.positive)  # indices of positive parameters of drives
-        self._free = np.flatnonzero((of_bodies < 0) & ~prior.positive)  # indices of offsets
+        self._offsets = np.flatnonzero((of_bodies < 0) & ~prior.positive)  # indices of the other parameters of drives
         self._size = sizes
-        self._inverse = np.linalg.inv(prior.bodies)
+        self._prior_inverse = np.linalg.inv(prior.bodies)
 
     def path(self, strengths: Sequence[float]) -> list[PositiveFit]:
         """Minima for decreasing strengths, each started at the previous minimum."""
@@ -187,9 +196,9 @@ class PositiveProblem:
         fits = []
         previous = max(strengths)
         for strength in strengths:
-            step_count = max(1, math.ceil(_STEPS_OF_DECADE * math.log10(previous / strength)))
-            for step in range(1, step_count):
-                intermediate = previous * (strength / previous) ** (step / step_count)
+            strength_count = max(1, math.ceil(_STRENGTHS_PER_DECADE * math.log10(previous / strength)))
+            for k in range(1, strength_count):
+                intermediate = previous * (strength / previous) ** (k / strength_count)
                 J, x, *_ = self._minimum(J, x, intermediate)
             J, x, cost, steps, above = self._minimum(J, x, strength)
             fits.append(PositiveFit(strength, self._values(J, x), cost, steps, above))
@@ -197,25 +206,26 @@ class PositiveProblem:
         return fits
 
     def covariance(self, fit: PositiveFit, C: Array) -> Array:
-        """(p, p) covariance of the parameters at a minimum, for groups with the covariance C (r, r).
+        """Covariance (p, p) of the parameters at a minimum, for groups with the covariance C (r, r).
 
-        P is the inverse of the prior's Hessian, for a file that is right to 20 % at least, and A the derivatives of the groups
+        P is the inverse of the prior's Hessian, if the file's errors are 20 % at least, and A the derivatives of the groups
         by the coordinates of a step. In these coordinates, the covariance is P - P A' (A P A' + C)^-1 A P.
         """
         J = np.einsum("nk,kij->nij", fit.values[self._bodies], _TO_PSEUDO)
         T = self._tangents(np.linalg.cholesky(J), fit.values)
         P = np.ones(T.shape[1])  # diagonal
-        first_free = T.shape[1] - len(self._free)
-        P[:first_free] = 1.0 / min(fit.strength, _MAX_FILE_WEIGHT)
+        first_offset = T.shape[1] - len(self._offsets)
+        P[:first_offset] = 1.0 / min(fit.strength, _MAX_FILE_WEIGHT)
         A = self.base.grouping @ T
         S = (A * P) @ A.T + C
         size = np.sqrt(S.diagonal())  # scales S to a unit diagonal
         scaled_solution = np.linalg.solve(S / np.outer(size, size), (A * P) / size[:, None])
         S_inverse_A_P = scaled_solution / size[:, None]
-        return np.asarray(T @ (np.diag(P) - (A * P).T @ S_inverse_A_P) @ T.T)
+        covariance_of_step = np.diag(P) - (A * P).T @ S_inverse_A_P
+        return np.asarray(T @ covariance_of_step @ T.T)
 
     def _values(self, J: Array, x: Array) -> Array:
-        """(p,) parameters of a point: those of the bodies from J, the others from x."""
+        """Parameters (p,) of a point: those of bodies from J, all others from x."""
         values = x.copy()
         values[self._bodies] = np.einsum("aij,nij->na", _E, J) @ _FROM_PSEUDO.T
         return values
@@ -223,7 +233,7 @@ class PositiveProblem:
     def cost(self, J: Array, x: Array, strength: float) -> float:
         """f, with a weak prior of the offsets; infinity if J or a parameter of a drive is not positive."""
         values = self._values(J, x)
-        relative_inertias = self._inverse @ J  # J0^-1 J
+        relative_inertias = self._prior_inverse @ J  # J0^-1 J
         drive_ratios = x[self._drives] / self.prior.drives[self._drives]
         sign, log_det = np.linalg.slogdet(relative_inertias)
         eigenvalues = np.linalg.eigvalsh(J)
@@ -232,13 +242,14 @@ class PositiveProblem:
             return math.inf
         divergence = float((np.trace(relative_inertias, axis1=1, axis2=2) - log_det - 4.0).sum())
         divergence += float((drive_ratios - np.log(drive_ratios) - 1.0).sum())
-        offset_term = 0.5 * float(((x[self._free] / self._size[self._free]) ** 2).sum())
+        offset_term = 0.5 * float(((x[self._offsets] / self._size[self._offsets]) ** 2).sum())
         residual_term = 0.5 * (self.y - 2.0 * float(self.g @ values) + float(values @ self.H @ values))
         return residual_term + strength * divergence + offset_term
 
     def _minimum(self, J: Array, x: Array, strength: float) -> tuple[Array, Array, float, int, float]:
-        """Minimum of f by damped Newton steps from J, x: J, x, cost, number of steps, and bound of the suboptimality."""
-        cost, squared_decrement = self.cost(J, x, strength), math.inf
+        """Minimum of f by damped Newton steps from J, x: J, x, cost, number of steps, and bound of the excess of the cost."""
+        cost = self.cost(J, x, strength)
+        squared_decrement = math.inf
         for step in range(MOST_STEPS):
             L = np.linalg.cholesky(J)
             gradient, hessian = self._derivatives(J, L, x, strength)
@@ -246,7 +257,7 @@ class PositiveProblem:
             squared_decrement = -float(gradient @ direction)
             if squared_decrement <= _MAX_DECREMENT * max(abs(cost), strength, 1e-300):
                 return J, x, cost, step, squared_decrement / 2
-            scale = 1.0
+            scale = 1.0  # halved until the step decreases the cost enough
             while True:
                 J_new, x_new = self._take_step(L, x, scale * direction)
                 new_cost = self.cost(J_new, x_new, strength)
@@ -254,7 +265,7 @@ class PositiveProblem:
                 if new_cost <= max_cost or scale < _MIN_STEP:
                     break
                 scale *= 0.5
-            if not new_cost < cost:
+            if not new_cost < cost:  # no step decreases it any more
                 return J, x, cost, step, squared_decrement / 2
             J, x, cost = J_new, x_new, new_cost
         return J, x, cost, MOST_STEPS, squared_decrement / 2
@@ -264,39 +275,40 @@ class PositiveProblem:
         T = self._tangents(L, x)
         gradient = T.T @ (self.H @ self._values(J, x) - self.g)
         hessian = T.T @ self.H @ T
-        drives, free = self._first_coordinates(len(J))
-        relative_inertias = np.swapaxes(L, 1, 2) @ self._inverse @ L  # L' J0^-1 L, similar to J0^-1 J
-        gradient[:drives] += strength * np.einsum("aij,nij->na", _E, relative_inertias - np.eye(4)).ravel()
-        gradient[drives:free] += strength * (x[self._drives] / self.prior.drives[self._drives] - 1.0)
-        gradient[free:] += x[self._free] / self._size[self._free]
-        hessian[np.diag_indices_from(hessian)] += np.where(np.arange(len(gradient)) < free, strength, 1.0)
+        first_drive, first_offset = self._first_coordinates(len(J))
+        relative_inertias = np.swapaxes(L, 1, 2) @ self._prior_inverse @ L  # L' J0^-1 L, similar to J0^-1 J
+        gradient[:first_drive] += strength * np.einsum("aij,nij->na", _E, relative_inertias - np.eye(4)).ravel()
+        gradient[first_drive:first_offset] += strength * (x[self._drives] / self.prior.drives[self._drives] - 1.0)
+        gradient[first_offset:] += x[self._offsets] / self._size[self._offsets]
+        prior_hessian = np.where(np.arange(len(gradient)) < first_offset, strength, 1.0)  # diagonal
+        hessian[np.diag_indices_from(hessian)] += prior_hessian
         return gradient, hessian
 
     def _first_coordinates(self, body_count: int) -> tuple[int, int]:
-        """Indices of the first coordinate of drives and of offsets; ten coordinates of each body come before."""
-        drives = 10 * body_count
-        return drives, drives + len(self._drives)
+        """Indices of the first coordinate of drives and of the first of offsets; ten coordinates of each body come before."""
+        first_drive = 10 * body_count
+        return first_drive, first_drive + len(self._drives)
 
     def _tangents(self, L: Array, x: Array) -> Array:
-        """(p, k) derivatives of the parameters by the coordinates of a step."""
-        drives, free = self._first_coordinates(len(L))
-        T = np.zeros((len(x), free + len(self._free)))
+        """Derivatives (p, k) of the parameters by the coordinates of a step."""
+        first_drive, first_offset = self._first_coordinates(len(L))
+        T = np.zeros((len(x), first_offset + len(self._offsets)))
         J_columns = L[:, None] @ _E @ np.swapaxes(L, 1, 2)[:, None]  # (n, 10, 4, 4), L E_a L'
-        body_coordinates = np.arange(drives).reshape(-1, 1, 10)
+        body_coordinates = np.arange(first_drive).reshape(-1, 1, 10)
         T[self._bodies[..., None], body_coordinates] = _FROM_PSEUDO @ np.einsum("bij,naij->nba", _E, J_columns)
-        T[self._drives, np.arange(drives, free)] = x[self._drives]
-        T[self._free, np.arange(free, T.shape[1])] = self._size[self._free]
+        T[self._drives, np.arange(first_drive, first_offset)] = x[self._drives]
+        T[self._offsets, np.arange(first_offset, T.shape[1])] = self._size[self._offsets]
         return T
 
     def _take_step(self, L: Array, x: Array, step: Array) -> tuple[Array, Array]:
         """Point after a step (k,) from J = L L', x."""
-        drives, free = self._first_coordinates(len(L))
-        X = np.einsum("na,aij->nij", step[:drives].reshape(-1, 10), _E)
+        first_drive, first_offset = self._first_coordinates(len(L))
+        X = np.einsum("na,aij->nij", step[:first_drive].reshape(-1, 10), _E)
         J = L @ (np.eye(4) + X) @ L.transpose(0, 2, 1)
         x = x.copy()
-        x[self._drives] *= 1.0 + step[drives:free]
-        x[self._free] += self._size[self._free] * step[free:]
-        return 0.5 * (J + J.transpose(0, 2, 1)), x
+        x[self._drives] *= 1.0 + step[first_drive:first_offset]
+        x[self._offsets] += self._size[self._offsets] * step[first_offset:]
+        return 0.5 * (J + J.transpose(0, 2, 1)), x  # symmetric despite rounding
 
 
 # ── Robot with physically consistent bodies, near the file's
@@ -314,7 +326,7 @@ class ConsistentRobot:
     base : BaseParameters
     fit : PositiveFit, the selected fit
     curve : tuple of (γ, share), |τ - τ̂| / |τ| of held-out fifths for each tested strength
-    of_file : float, the same share for the file's bodies with fitted friction
+    of_file : float, |τ - τ̂| / |τ| of held-out fifths for the file's bodies with fitted friction
     repaired : tuple of str, links whose inertia in the file was thickened first
 
     Examples
@@ -369,7 +381,7 @@ class ConsistentRobot:
         return tuple(map(SpatialInertia.from_parameters, values))
 
     def of_joints(self, kind: str) -> dict[str, float]:
-        """Values of one kind of parameter by joint; joints without one are left out.
+        """Values of one kind of parameter by joint; joints without such a parameter are left out.
 
         Parameters
         ----------
@@ -402,13 +414,13 @@ class ConsistentRobot:
         low, high = interval.T
         values = self.base.project(self.fit.values)
         violations = np.maximum(values - high, low - values) / np.maximum(deviations, 1e-300)
-        order = np.argsort(-violations)
-        worst = order[violations[order] > 0].tolist()
-        if not worst:
+        worst_first = np.argsort(-violations)
+        outside = worst_first[violations[worst_first] > 0].tolist()
+        if not outside:
             return []
-        groups = [f"{self.base.names[k]} {number(values[k])} ({number(low[k])} to {number(high[k])})" for k in worst]
+        groups = [f"{self.base.names[k]} {number(values[k])} ({number(low[k])} to {number(high[k])})" for k in outside]
         return [
-            f"physically consistent bodies, drawn to the file's by the prior, put {len(worst)} of {len(values)} groups "
+            f"physically consistent bodies, drawn to the file's by the prior, put {len(outside)} of {len(values)} groups "
             f"outside their 95 % intervals: {listed(groups, 3, '; ')}. Torques held out are predicted as well; a smaller "
             f"weight of the prior, {spell(Argument('keep_close'))}, stays nearer to the log"
         ]
@@ -475,8 +487,8 @@ def consistent_robot(
     strength : float or None, weight of the prior; None: chosen by cross-validation
     """
     prior = PositivePrior.from_values(base, values, sizes)
-    filled_folds = [fold for fold in folds if fold[2] > 0]
-    total = sum_of(filled_folds)
+    filled_folds = [(N, c, y) for N, c, y in folds if y > 0]
+    all_rows = sum_of(filled_folds)
     strengths = STRENGTHS if strength is None else _path_to(strength)
     squares = np.zeros(len(strengths))
     file_squares = 0.0
@@ -484,21 +496,22 @@ def consistent_robot(
         fits = PositiveProblem(base, prior, *training, sizes).path(strengths)
         squares += [squares_of(held_out, base.project(fit.values)) for fit in fits]
         file_squares += squares_of(held_out, file_with_drives(base, training, weak))
-    squared_torques = total[2]
+    _, _, squared_torques = all_rows
     shares = np.sqrt(squares / squared_torques)
-    chosen = len(strengths) - 1
-    if strength is None:  # argmax: the first that is good enough, and strengths decrease
-        chosen = int(np.argmax(shares <= _MAX_RATIO_TO_BEST * shares.min()))
-    fit = PositiveProblem(base, prior, *total, sizes).path(strengths[: chosen + 1])[-1]
+    chosen = len(strengths) - 1  # index of the strength
+    if strength is None:
+        is_good = shares <= _MAX_RATIO_TO_BEST * shares.min()
+        chosen = int(np.argmax(is_good))  # the first, which is the largest strength
+    *_, fit = PositiveProblem(base, prior, *all_rows, sizes).path(strengths[: chosen + 1])
     curve = tuple(zip(strengths, shares.tolist(), strict=True))
     file_share = float(np.sqrt(file_squares / squared_torques))
     return ConsistentRobot(base, fit, curve, file_share, prior.repaired)
 
 
 def _path_to(strength: float) -> tuple[float, ...]:
-    """Available weights of the prior above a given one, from large to small, and the given one."""
-    larger = [available for available in STRENGTHS if available > strength]
-    return (*larger, strength)
+    """Available weights of the prior above ``strength``, from large to small, then ``strength``."""
+    larger_strengths = [available for available in STRENGTHS if available > strength]
+    return (*larger_strengths, strength)
 
 
 def file_with_drives(base: BaseParameters, training: Information, weak: Prior) -> Array:
@@ -514,7 +527,7 @@ def file_with_drives(base: BaseParameters, training: Information, weak: Prior) -
 
 @dataclass(frozen=True, eq=False)
 class ModelResiduals:
-    """Shares |τ - τ̂| / |τ| by joint of weighted, held-out rows in five folds; the file alone needs no fit.
+    """Shares |τ - τ̂| / |τ| of weighted, held-out rows in five folds, by joint.
 
     Attributes
     ----------
@@ -538,17 +551,17 @@ def model_residuals(
     sizes: Array,
     strength: float,
 ) -> ModelResiduals:
-    """Residuals of all four models, each fifth predicted from the others; parameters are those of ``consistent_robot``."""
+    """Residuals of all four models, with each fifth predicted from the others; parameters as of :func:`consistent_robot`."""
     prior = PositivePrior.from_values(base, values, sizes)
     strengths = _path_to(strength)
     filled_folds = [fold for fold in folds if fold.y.sum() > 0]
     file = base.project(base.unknown.file_values)
     squares = np.zeros((4, base.unknown.model.nv))  # a row for each model
     squared_torques = np.zeros(base.unknown.model.nv)
-    of_all_joints = left_out([fold.together() for fold in filled_folds])
-    for held_out, (_, training) in zip(filled_folds, of_all_joints, strict=True):
+    sums_over_joints = [fold.together() for fold in filled_folds]
+    for held_out, (_, training) in zip(filled_folds, left_out(sums_over_joints), strict=True):
         N, c, _ = training
-        consistent = PositiveProblem(base, prior, *training, sizes).path(strengths)[-1]
+        *_, consistent = PositiveProblem(base, prior, *training, sizes).path(strengths)
         squares[0] += held_out.squares(file)
         squares[1] += held_out.squares(file_with_drives(base, training, weak))
         squares[2] += held_out.squares(weak.solve(N, c))

@@ -48,6 +48,7 @@ FRICTION = ("viscous", "coulomb", "offset")
 STRIBECK_SPEED = 0.1
 """Default Stribeck speed [rad/s or m/s]."""
 _DRY_FRICTION = ("coulomb", "stribeck")
+"""Kinds of parameters of dry friction."""
 PARAMETER_UNITS = {
     "m": ("kg",),
     **dict.fromkeys(("mcx", "mcy", "mcz"), ("kg m",)),
@@ -56,12 +57,12 @@ PARAMETER_UNITS = {
     "viscous": ("N m s/rad", "N s/m"),
     **dict.fromkeys(("coulomb", "stribeck", "offset"), units_of("tau", (True, False))),
 }
-"""SI units of each kind of parameter: revolute joints first, then prismatic joints."""
+"""SI units of each kind of parameter: at revolute joints, at prismatic joints; one unit if these are equal."""
 
 
 def parameter_unit(kind: str, *, turning: bool) -> str:
     """SI unit of a kind of parameter, at a revolute or a prismatic joint."""
-    units = PARAMETER_UNITS[kind]  # one unit, if it is the same for both
+    units = PARAMETER_UNITS[kind]
     return units[0] if turning else units[-1]
 
 
@@ -73,12 +74,12 @@ def without_coupled_motors(robot: Robot) -> Robot:
 
 
 def turning_joints(model: Model) -> Array:
-    """(nv,) bool, True for joints that turn."""
+    """Mask (nv,) of joints that turn."""
     return np.array([body.joint.turning[0] for body in model.leaders], bool)
 
 
 def group_units(groups: Sequence[str], model: Model) -> tuple[str, ...]:
-    """SI units of groups of parameters: those of their first parameters."""
+    """SI units of groups of parameters: the units of their first parameters."""
     sliding = {body.joint.name for body in model.bodies if not any(body.joint.turning)}
     units: list[str] = []
     for name in first_parameters(groups):
@@ -94,8 +95,10 @@ def first_parameters(groups: Sequence[str]) -> list[str]:
 
 _BODY_PARAMETERS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
 """Order of the ten parameters of a body in the choice of base parameters: moments first, as in papers on base parameters."""
-_MIN_LENGTH, _MIN_MASS = 0.05, 1e-3
-"""Least typical length [m] and mass [kg] of a robot."""
+_MIN_LENGTH = 0.05
+"""Least typical length of a robot [m]."""
+_MIN_MASS = 1e-3
+"""Least typical mass of a robot [kg]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +109,7 @@ class UnknownParameters:
     ----------
     robot : Robot
         Every joint must have one degree of freedom. The robot's friction and armature are treated as unknown.
-    motor_inertia : bool, a motor inertia for each joint, seen at the joint
+    motor_inertia : bool, a motor inertia for each joint, reflected to the joint
     friction : sequence of str, ``viscous``, ``coulomb``, ``stribeck``, ``offset``
     motor_side : MotorSide, optional; motors that turn with several joints have parameters of their own
     known : mapping, values of known parameters by name
@@ -174,12 +177,12 @@ class UnknownParameters:
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:
-        """Bodies that are links; a massless body between two joints of one link is left out."""
+        """Indices of the bodies that are links; a massless body between two joints of one link is left out."""
         return tuple(i for i, body in enumerate(self.model.bodies) if body.link in self.model.link_inertias)
 
     @cached_property
     def coupled(self) -> Array:
-        """(k, nv) rates s_k of the motors that turn with several joints, per rate of each joint; 1 for a motor's own joint."""
+        """Rates s_k (k, nv) of motors that turn with several joints, for a unit rate of each joint; 1 for its own joint."""
         if self.motor_side is None:
             return np.zeros((0, self.model.nv))
         return self.motor_side.coupled_rates
@@ -198,7 +201,9 @@ class UnknownParameters:
             drive_kinds.insert(0, "motor_inertia")
         for i, body in enumerate(model.bodies):
             if i in self.bodies:
-                entries += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY_PARAMETERS]
+                first_column = 10 * i
+                for kind in _BODY_PARAMETERS:
+                    entries.append((f"{body.link}.{kind}", kind, first_column + PARAMETER_NAMES.index(kind)))
             if not body.follows:
                 entries += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive_kinds]
         for k, rates in enumerate(self.coupled):
@@ -215,17 +220,17 @@ class UnknownParameters:
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds: ``m``, ``mcx``, …, ``Izz``, ``motor_inertia``, ``viscous``, ``coulomb``, ``stribeck``, ``offset``."""
+        """Kind of each parameter: m, mcx, …, Izz, motor_inertia, viscous, coulomb, stribeck or offset."""
         return tuple(kind.removeprefix("coupled ") for _, kind, _ in self._entries)
 
     @cached_property
     def of_bodies(self) -> Array:
-        """(p,) column of the regressor of each parameter; -1 for parameters of drives."""
+        """Column (p,) of the regressor for each parameter; -1 for parameters of drives."""
         return np.array([column if kind in PARAMETER_NAMES else -1 for _, kind, column in self._entries])
 
     @cached_property
     def file_values(self) -> Array:
-        """(p,) values of the robot file, 0 for drives; known values replace them."""
+        """Values (p,) of the robot file, 0 for drives; known values replace them."""
         is_body = self.of_bodies >= 0
         values = np.where(is_body, self.robot.parameters[self.of_bodies], 0.0)
         for k in np.flatnonzero(self.held):
@@ -234,7 +239,7 @@ class UnknownParameters:
 
     @cached_property
     def held(self) -> Array:
-        """(p,) bool, True for parameters with known values."""
+        """Mask (p,) of parameters with known values."""
         return np.isin(self.names, list(self.known))
 
     @cached_property
@@ -264,7 +269,7 @@ class UnknownParameters:
         scales : (p,) array
         """
         mass, length = self.lengths
-        scale_of_inertia = mass * length**2
+        inertia_scale = mass * length**2
         body_scales = {"m": mass, **dict.fromkeys(("mcx", "mcy", "mcz"), mass * length)}
         drive_scales = {  # (nv,) each
             "motor_inertia": torque / acceleration,
@@ -277,7 +282,7 @@ class UnknownParameters:
         for _, kind, index in self._entries:
             drive_kind = kind.removeprefix("coupled ")
             if drive_kind not in DRIVE:
-                scales.append(body_scales.get(kind, scale_of_inertia))
+                scales.append(body_scales.get(kind, inertia_scale))
             elif drive_kind == kind:
                 scales.append(float(drive_scales[kind][index]))
             else:  # coupled motor: the largest of its joints
@@ -310,13 +315,14 @@ class UnknownParameters:
         if gravity is None:
             gravity = self.model.gravity
         W = np.zeros((*dq.shape, len(which)))
-        body_columns = self.of_bodies[which]
-        body_places = np.flatnonzero(body_columns >= 0)
-        if body_places.size:
-            W[:, :, body_places] = self.regressor(q, dq, ddq, gravity)[..., body_columns[body_places]]
-        drive_places = np.flatnonzero(body_columns < 0)
-        factors = self.drives(which[drive_places], dq, ddq, friction_speed)
-        W[:, :, drive_places] = factors[:, None] * self.shares[which[drive_places]].T
+        regressor_columns = self.of_bodies[which]
+        of_bodies = np.flatnonzero(regressor_columns >= 0)  # positions in ``which``
+        if of_bodies.size:
+            Y = self.regressor(q, dq, ddq, gravity)
+            W[:, :, of_bodies] = Y[..., regressor_columns[of_bodies]]
+        of_drives = np.flatnonzero(regressor_columns < 0)
+        factors = self.drives(which[of_drives], dq, ddq, friction_speed)
+        W[:, :, of_drives] = factors[:, None] * self.shares[which[of_drives]].T
         return W
 
     @cached_property
@@ -342,7 +348,7 @@ class UnknownParameters:
 
     @cached_property
     def shares(self) -> Array:
-        """(p, nv) column of a drive's parameter at each joint, per unit of its factor; 0 for parameters of bodies."""
+        """Column (p, nv) of each drive parameter at the joints, divided by its factor; 0 for parameters of bodies."""
         shares = np.zeros((len(self._entries), self.model.nv))
         for row, (_, kind, index) in zip(shares, self._entries, strict=True):
             if kind in DRIVE:
@@ -363,16 +369,20 @@ class UnknownParameters:
         factors : (n, k) array
         """
         which = np.asarray(which, int)
-        kinds, shares = np.array(self.kinds)[which], self.shares[which]
+        kinds = np.array(self.kinds)[which]
+        shares = self.shares[which]
         rates = dq @ shares.T  # of the motors
-        motor, viscous = np.flatnonzero(kinds == "motor_inertia"), np.flatnonzero(kinds == "viscous")
-        dry, fading = np.flatnonzero(np.isin(kinds, _DRY_FRICTION)), np.flatnonzero(kinds == "stribeck")
-        friction_speeds = friction_speed[[speed_owner(shares[k]) for k in dry]]
-        factors = np.ones((len(dq), len(which)))  # those of offsets stay 1
-        factors[:, motor] = ddq @ shares[motor].T
+        # columns of each kind
+        inertia = np.flatnonzero(kinds == "motor_inertia")
+        viscous = np.flatnonzero(kinds == "viscous")
+        dry = np.flatnonzero(np.isin(kinds, _DRY_FRICTION))
+        stribeck = np.flatnonzero(kinds == "stribeck")
+        smoothing_speeds = friction_speed[[speed_owner(shares[k]) for k in dry]]
+        factors = np.ones((len(dq), len(which)))  # factors of offsets stay 1
+        factors[:, inertia] = ddq @ shares[inertia].T
         factors[:, viscous] = rates[:, viscous]
-        factors[:, dry] = np.tanh(rates[:, dry] / friction_speeds)
-        factors[:, fading] *= np.exp(-((rates[:, fading] / self.stribeck_speed) ** 2))
+        factors[:, dry] = np.tanh(rates[:, dry] / smoothing_speeds)
+        factors[:, stribeck] *= np.exp(-((rates[:, stribeck] / self.stribeck_speed) ** 2))
         return factors
 
 
@@ -394,7 +404,7 @@ def _check_identifiable(robot: Robot) -> None:
 
 
 def speed_owner(joints: Array) -> int:
-    """Joint whose friction speed applies to a column of dry friction: the last of its joints (nv,)."""
+    """Index of the joint whose friction speed applies to a column of dry friction: the last in the mask ``joints`` (nv,)."""
     return int(np.flatnonzero(joints)[-1])
 
 
@@ -409,16 +419,16 @@ def check_speed(value: float) -> float:
 
 # ── Base parameters: the identifiable groups, for any motion
 
-# Columns of W on random states are linearly dependent. From the base outward, a column is kept if it is independent of the
-# kept ones before it. With the kept columns W_b and the others W_d = W_b B, τ = W_b (x_b + B x_d): the groups are x_b + B x_d.
+# Columns of W on random states are linearly dependent. From the base outward, a column is kept if it is independent of the kept
+# columns before it. With the kept columns W_b and the others W_d = W_b B, τ = W_b (x_b + B x_d): the groups are x_b + B x_d.
 #
 # Source: Gautier, "Numerical calculation of the base inertial parameters of robots", J. Robotic Systems 8(4), 1991. The
-# rank is determined on random states with an absolute scale, because in a log, columns of rounding errors look like any
-# other.
+# rank is determined on random states with an absolute scale, because in a log, columns of rounding errors look like all others.
 
 _MAX_ROUNDING = 1e-9  # length of a column that consists of rounding errors, as a share of the longest column's
 _MAX_DEPENDENT_REMAINDER = 1e3 * _MAX_ROUNDING  # remainder of a dependent column, as a share of its length
 _ROWS_PER_COLUMN = 3  # equations of random states for each parameter
+_ADDITIONAL_STATES = 8  # random states of small robots
 _KNOWN_ERROR = 1e-7  # allowed error of a known value, as a share of its size
 _MIN_COEFFICIENT = 1e-7  # coefficients below this are rounding errors, in units of the columns' lengths
 
@@ -468,33 +478,35 @@ class BaseParameters:
         robot, p = unknown.robot, len(unknown.names)
         nv = robot.nv
         rng = np.random.default_rng(seed)
-        states = -(-_ROWS_PER_COLUMN * p // nv) + 8  # -(-a // b) rounds a / b up
-        q = robot.random_configuration(rng, states)
-        # joints that turn get any angle: their limits do not matter for which parameters are identifiable
-        q = np.where(turning_joints(unknown.model), rng.uniform(-np.pi, np.pi, q.shape), q)
-        dq, ddq = rng.normal(size=(2, states, nv)) * 2.0
+        state_count = -(-_ROWS_PER_COLUMN * p // nv) + _ADDITIONAL_STATES  # -(-a // b) rounds a / b up
+        q = robot.random_configuration(rng, state_count)
+        # joints that turn get any angle: limits do not change which parameters are identifiable
+        any_angles = rng.uniform(-np.pi, np.pi, q.shape)
+        q = np.where(turning_joints(unknown.model), any_angles, q)
+        dq, ddq = rng.normal(size=(2, state_count, nv)) * 2.0
         ones = np.ones(nv)
         W = unknown.columns(np.arange(p), q, dq, ddq, 0.5 * ones, gravity)
         scale = unknown.scales(ones, ones, ones)
-        free = np.flatnonzero(~unknown.held)
-        scaled_columns = (W * scale)[..., free].reshape(states * nv, len(free))
+        free = np.flatnonzero(~unknown.held)  # parameters without known values
+        scaled_columns = (W * scale)[..., free].reshape(state_count * nv, len(free))
         kept_of_free, B = _independent_columns(scaled_columns)
         free_kept = free[kept_of_free]
         # B is of the scaled columns W S, with x = S z: the groups z_b + B z_d become x_b + S_b B S_d⁻¹ x_d.
         grouping = np.eye(p)  # a known parameter is a group by itself
-        grouping[np.ix_(free_kept, free)] = _without_rounding_errors(B) * scale[free_kept][:, None] / scale[None, free]
+        B = _without_rounding_errors(B)
+        grouping[np.ix_(free_kept, free)] = B * scale[free_kept][:, None] / scale[None, free]
         kept = np.sort(np.concatenate([free_kept, np.flatnonzero(unknown.held)]))
         felt = (W[..., kept] != 0).any(axis=0)
         return cls(unknown, kept, grouping[kept], felt)
 
     @property
     def held(self) -> Array:
-        """(r,) bool, True for groups that consist of one parameter with a known value."""
+        """Mask (r,) of groups that consist of one parameter with a known value."""
         return np.asarray(self.unknown.held[self.kept])
 
     @property
     def drives(self) -> Array:
-        """(k,) groups whose kept parameter belongs to a drive: friction, motor inertia or offset."""
+        """Indices (k,) of the groups whose kept parameter belongs to a drive: friction, motor inertia or offset."""
         return np.flatnonzero(self.unknown.of_bodies[self.kept] < 0)
 
     def weak_sizes(self, sizes: Array) -> Array:
@@ -527,21 +539,21 @@ class BaseParameters:
         return np.asarray(self.grouping @ values)
 
     def _name(self, row: int) -> str:
-        """Name of a group, the kept parameter first."""
+        """Name of the group in a row of ``grouping``, with the kept parameter first."""
+        coefficients = self.grouping[row].tolist()
         first = int(self.kept[row])
         others = np.flatnonzero(self.grouping[row]).tolist()
         if first in others:
             others.remove(first)
-        value = float(self.grouping[row, first])
-        text = "-" if value < 0 else ""
+        text = "-" if coefficients[first] < 0 else ""
         text += self._term(row, first)
         for k in others:
-            value = float(self.grouping[row, k])
+            value = coefficients[k]
             text += (" - " if value < 0 else " + ") + self._term(row, k)
         return text
 
     def _term(self, row: int, k: int) -> str:
-        """Magnitude of a coefficient, left out if it is 1, and the name of its parameter."""
+        """Magnitude of a coefficient and name of its parameter; a magnitude of 1 is left out."""
         magnitude = abs(float(self.grouping[row, k]))
         if abs(magnitude - 1.0) < 1e-6:
             return self.unknown.names[k]
@@ -549,14 +561,14 @@ class BaseParameters:
 
 
 def _independent_columns(W: Array) -> tuple[Array, Array]:
-    """Indices (r,) of columns that are independent of those before them, and coefficients (r, p) of all columns in them.
+    """Indices (r,) of columns that are independent of the columns before them, and coefficients (r, p) of all columns in these.
 
     Uses the Gram-Schmidt process, twice for each column to limit rounding errors.
     """
-    rows, p = W.shape
+    row_count, p = W.shape
     lengths = np.linalg.norm(W, axis=0)
     longest = float(lengths.max(initial=0.0))
-    Q = np.zeros((rows, p))  # orthonormal basis of the kept columns, in its first columns
+    Q = np.zeros((row_count, p))  # its first columns are an orthonormal basis of the kept columns
     kept: list[int] = []
     for k in range(p):
         if lengths[k] <= _MAX_ROUNDING * longest:
@@ -570,7 +582,9 @@ def _independent_columns(W: Array) -> tuple[Array, Array]:
             Q[:, len(kept)] = remainder / remaining_length
             kept.append(k)
     columns = np.array(kept, int)
-    coefficients = np.linalg.lstsq(W[:, columns], W, rcond=None)[0] if kept else np.zeros((0, p))
+    coefficients = np.zeros((0, p))
+    if kept:
+        coefficients, *_ = np.linalg.lstsq(W[:, columns], W, rcond=None)
     # size of a coefficient of 1 between two columns of unit length
     length_ratios = lengths[None, :] / np.maximum(lengths[columns][:, None], 1e-300)
     is_rounding = np.abs(coefficients) < _MIN_COEFFICIENT * np.maximum(length_ratios, 1e-6)
@@ -580,6 +594,7 @@ def _independent_columns(W: Array) -> tuple[Array, Array]:
 
 
 def _without_rounding_errors(grouping: Array) -> Array:
+    """Coefficients of a grouping, with rounding errors set to zero."""
     return np.where(np.abs(grouping) < 1e-12, 0.0, grouping)
 
 

@@ -1,4 +1,4 @@
-"""Limits of a motion, and limit check: violations with their excess and the time of the largest excess."""
+"""Limits of a motion, and their violations: excess over the limit, and time of the largest excess."""
 
 from __future__ import annotations
 
@@ -69,27 +69,28 @@ def bounds_of(
     [2.0, 2.0]
     """
     require_robot(robot, "bounds_of")
-    given = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
-    given |= {"effort": effort, "jerk": jerk}
-    replaced = {}
-    for name, values in given.items():
+    given_limits = {
+        "velocity": velocity, "acceleration": acceleration, "deceleration": deceleration, "effort": effort, "jerk": jerk,
+    }  # fmt: skip
+    new_limits = {}
+    for name, values in given_limits.items():
         if values is None:
             continue
-        array = np.asarray(arguments.real(values, name, names=robot.model.velocity_names), float)
+        real_values = arguments.real(values, name, names=robot.model.velocity_names)
+        array = np.asarray(real_values, float)
         if array.shape not in ((), (robot.nv,)):
             raise ShapeError(
                 f"{name} has shape {array.shape}: give one number, or {robot.nv}, one for each of "
-                f"{', '.join(robot.model.velocity_names[:12])}."
+                f"{', '.join(robot.model.velocity_names[:_MAX_LISTED_JOINTS])}."
             )
         is_positive = array > 0
         if not is_positive.all():
-            raise ValueRangeError(
-                f"{name} has {printed(array[~is_positive].flat[0])}: a limit is above 0, inf for none."
-            )
-        replaced[name] = np.broadcast_to(array, (robot.nv,)).copy()
-    if "acceleration" in replaced:
-        replaced.setdefault("deceleration", replaced["acceleration"])
-    return replace(robot.limits, **replaced)
+            first_wrong = array[~is_positive].flat[0]
+            raise ValueRangeError(f"{name} has {printed(first_wrong)}: a limit is above 0, inf for none.")
+        new_limits[name] = np.broadcast_to(array, (robot.nv,)).copy()
+    if "acceleration" in new_limits:
+        new_limits.setdefault("deceleration", new_limits["acceleration"])
+    return replace(robot.limits, **new_limits)
 
 
 _TIME_BESIDE_END = 1e-9
@@ -97,10 +98,10 @@ _TIME_BESIDE_END = 1e-9
 
 
 def velocities_inside(time: Array, dq: Array, ddq: Array, begin: float, end: float) -> Array:
-    """Velocities (..., nv) with zeros at ``begin`` and ``end`` of a motion replaced by those just inside.
+    """Velocities (..., nv) in which zeros at ``begin`` and ``end`` of a motion are replaced by the velocities just inside.
 
-    A joint that arrives with its braking acceleration slides until it stands, so that friction still helps to brake it; one
-    that leaves with an acceleration has friction against it from the start. At exactly zero speed, neither is defined.
+    A joint that arrives with its braking acceleration slides until it stands, so that friction still helps to brake it. A joint
+    that leaves with an acceleration has friction against it from the start. At exactly zero speed, friction has no direction.
 
     >>> velocities_inside(np.array([0.0, 1.0]), np.zeros((2, 1)), np.array([[4.0], [-4.0]]), 0.0, 1.0).tolist()
     [[4e-09], [4e-09]]
@@ -115,6 +116,9 @@ def velocities_inside(time: Array, dq: Array, ddq: Array, begin: float, end: flo
 _PARTS: dict[str, Part] = {"position": "q", "velocity": "dq", "acceleration": "ddq", "jerk": "dddq", "torque": "tau"}
 """Quantity of each kind of limit."""
 KINDS = tuple(_PARTS)
+"""Kinds of limits."""
+_MAX_LISTED_JOINTS = 12
+"""Largest number of joints that an error message lists."""
 
 
 @dataclass(frozen=True)
@@ -162,27 +166,29 @@ class Violation:
 
 
 class Extrema(NamedTuple):
-    """Maximum of each column of a table, (columns,) each; -inf at the time nan without a number above it."""
+    """Maximum of each column of a table; arrays (columns,)."""
 
     value: Array
+    """Maximum; -inf for a column without numbers."""
     time: Array
-    """Time of the maximum, of the first one if several are equal [s]."""
+    """Time of the maximum, of the first one if several are equal [s]; nan for a column without numbers."""
     signed: Array
     """Signed value whose magnitude or excess is the maximum."""
 
     @classmethod
     def from_rows(cls, time: Array, values: Array, signed: Array) -> Extrema:
-        """Maxima of values (n, columns) at times (n,); ``signed`` (n, columns) has the numbers behind the values."""
+        """Maxima of values (n, columns) at times (n,); ``signed`` (n, columns) has the signed numbers behind the values."""
         column_count = values.shape[1]
         if not len(values):
             return cls(np.full(column_count, -np.inf), np.full(column_count, np.nan), np.zeros(column_count))
-        return cls._from_tables(np.broadcast_to(time[:, None], values.shape), values, signed)
+        time_table = np.broadcast_to(time[:, None], values.shape)
+        return cls._from_tables(time_table, values, signed)
 
     @classmethod
     def merge(cls, parts: Sequence[Extrema]) -> Extrema:
-        """Maxima of consecutive rows from those of their parts."""
-        value, time, signed = map(np.stack, zip(*parts, strict=True))
-        return cls._from_tables(time, value, signed)
+        """Maxima of all rows, from the maxima of consecutive parts."""
+        values, times, signed = map(np.stack, zip(*parts, strict=True))
+        return cls._from_tables(times, values, signed)
 
     @classmethod
     def _from_tables(cls, time: Array, values: Array, signed: Array) -> Extrema:
@@ -206,49 +212,59 @@ class LimitCheck:
 
     def __init__(self, model: Model, bounds: Limits) -> None:
         self.model, self.bounds = model, bounds
-        no_rows = np.zeros(0)
-        self._excesses = {kind: Extrema.from_rows(no_rows, *np.zeros((2, 0, model.nv))) for kind in KINDS}
         self._followers = [model.bodies[i] for i in model.limited_followers]
-        self._follower_torques = Extrema.from_rows(no_rows, *np.zeros((2, 0, len(self._followers))))
+        no_times = np.zeros(0)
+        no_joints, no_followers = np.zeros((0, model.nv)), np.zeros((0, len(self._followers)))
+        self._excesses = {kind: Extrema.from_rows(no_times, no_joints, no_joints) for kind in KINDS}
+        """Largest excess of each kind so far; columns are velocities."""
+        self._follower_torques = Extrema.from_rows(no_times, no_followers, no_followers)
+        """Largest torque of each mimic joint so far."""
 
     def _add(self, kind: str, time: Array, excess: Array, values: Array) -> None:
+        """Add excesses (n, nv) of values (n, nv) at times (n,) over their limits of a kind."""
         self._excesses[kind] = Extrema.merge([self._excesses[kind], Extrema.from_rows(time, excess, values)])
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
         """Check states at times (n,): q (n, nq), dq, ddq and torques (n, nv); None is skipped."""
         bounds = self.bounds
         positions = self.model.positions(q)
-        self._add("position", time, np.maximum(positions - bounds.upper, bounds.lower - positions), positions)
-        largest = {"velocity": bounds.velocity, "torque": bounds.effort}
+        position_excess = np.maximum(positions - bounds.upper, bounds.lower - positions)
+        self._add("position", time, position_excess, positions)
+        limit_of_kind = {"velocity": bounds.velocity, "torque": bounds.effort}
         if dq is not None and ddq is not None:
-            largest["acceleration"] = bounds.acceleration_at(dq, ddq)
+            limit_of_kind["acceleration"] = bounds.acceleration_at(dq, ddq)
         if tau is not None:
             tau = motor_torques(self.model, tau)
         for kind, values in (("velocity", dq), ("acceleration", ddq), ("torque", tau)):
             if values is not None:
-                self._add(kind, time, np.abs(values) - largest[kind], values)
+                self._add(kind, time, np.abs(values) - limit_of_kind[kind], values)
 
     def add_jerk(self, time: Array, ddq: Array) -> None:
-        """Check the slopes of accelerations (n, nv), n ≥ 3, of a motion from rest to rest, with jumps at its ends."""
+        """Check the slopes of accelerations (n, nv), n ≥ 3, of a motion from rest to rest.
+
+        Accelerations that are not zero at the ends are jumps there, which count as slopes over one time step.
+        """
         jerk = np.gradient(ddq, time, axis=0, edge_order=2)
-        jumps = np.abs(ddq) > TOLERANCE * np.abs(ddq).max(axis=0)
+        is_nonzero = np.abs(ddq) > TOLERANCE * np.abs(ddq).max(axis=0)
         for end_row, step in ((0, time[1] - time[0]), (-1, time[-2] - time[-1])):
-            jerk[end_row] = np.where(jumps[end_row], ddq[end_row] / step, jerk[end_row])
+            jump_slope = ddq[end_row] / step
+            jerk[end_row] = np.where(is_nonzero[end_row], jump_slope, jerk[end_row])
         self._add("jerk", time, np.abs(jerk) - self.bounds.jerk, jerk)
 
     def add_dynamics(self, robot: Robot, time: Array, q: Array, dq: Array, ddq: Array) -> None:
         """Check the torques of mimic joints with an effort limit in the given states, without friction."""
         if self._followers:
-            self.add_borne(time, follower_torques(self.model, np.asarray(robot.joint_wrenches(q, dq, ddq))))
+            wrenches = np.asarray(robot.joint_wrenches(q, dq, ddq))
+            self.add_borne(time, follower_torques(self.model, wrenches))
 
-    def add_borne(self, time: Array, borne: Array) -> None:
+    def add_borne(self, time: Array, torques: Array) -> None:
         """Check the torques (n, k) of the mimic joints with an effort limit at times (n,)."""
-        largest = Extrema.from_rows(time, np.abs(borne), borne)
-        self._follower_torques = Extrema.merge([self._follower_torques, largest])
+        extrema = Extrema.from_rows(time, np.abs(torques), torques)
+        self._follower_torques = Extrema.merge([self._follower_torques, extrema])
 
     def violations(self) -> tuple[Violation, ...]:
-        """Violations, sorted by their ratio to the tolerance, largest first."""
-        by_severity = []
+        """Violations, sorted by the ratio of the excess to the tolerance, largest first."""
+        rated_violations = []  # with their ratios
         for kind, worst in self._excesses.items():
             names = self.model.velocity_names
             is_turning = Coordinates.from_model(self.model).angular_velocity.tolist()
@@ -263,11 +279,11 @@ class LimitCheck:
                     tolerance = float(self.bounds.tolerance[k])
                 if not excess > tolerance:  # also for an excess of nan
                     continue
-                severity = np.inf
+                ratio = np.inf
                 if tolerance > 0:
-                    severity = excess / tolerance
+                    ratio = excess / tolerance
                 unit = unit_of(_PARTS[kind], bool(is_turning[k]))
-                by_severity.append((severity, Violation(names[k], kind, value, limit, float(worst.time[k]), unit)))
+                rated_violations.append((ratio, Violation(names[k], kind, value, limit, float(worst.time[k]), unit)))
         for i, body in enumerate(self._followers):
             value = float(self._follower_torques.signed[i])
             excess = float(self._follower_torques.value[i] - body.effort)
@@ -276,48 +292,56 @@ class LimitCheck:
                 limit = float(np.copysign(body.effort, value))
                 time = float(self._follower_torques.time[i])
                 unit = unit_of("tau", bool(body.joint.turning[0]))
-                by_severity.append((excess / tolerance, Violation(body.joint.name, "torque", value, limit, time, unit)))
-        by_severity.sort(key=lambda pair: -pair[0])
-        return tuple(violation for _, violation in by_severity)
+                violation = Violation(body.joint.name, "torque", value, limit, time, unit)
+                rated_violations.append((excess / tolerance, violation))
+        rated_violations.sort(key=lambda rated: -rated[0])
+        return tuple(violation for _, violation in rated_violations)
 
     def _limit(self, kind: str, k: int, value: float, excess: float) -> float:
-        """Limit that the value exceeds by ``excess``; accelerations have two, one to speed up and one to brake."""
+        """Limit of the velocity with index k that the value exceeds by ``excess``, with the sign of the value."""
         bounds = self.bounds
         if kind == "position":
             if value > bounds.upper[k]:
                 return float(bounds.upper[k])
             return float(bounds.lower[k])
-        limits = {"velocity": [bounds.velocity], "torque": [bounds.effort], "jerk": [bounds.jerk]}
-        limits["acceleration"] = [bounds.acceleration, bounds.deceleration]
-        candidates = [float(limit[k]) for limit in limits[kind]]
-        exceeded = abs(value) - excess
+        limits_of_kind = {
+            "velocity": [bounds.velocity],
+            "torque": [bounds.effort],
+            "jerk": [bounds.jerk],
+            "acceleration": [bounds.acceleration, bounds.deceleration],  # to speed up, to brake
+        }
+        candidates = [float(limits[k]) for limits in limits_of_kind[kind]]
+        exceeded = abs(value) - excess  # the limit, up to rounding
         nearest = min(candidates, key=lambda limit: abs(exceeded - limit))
         return float(np.copysign(nearest, value))
 
 
 _MIN_SIGMAS = 3.0
 """Standard deviations of its noise by which a measured torque is above its limit."""
-_MIN_ROWS, _MIN_TIME = 3, 0.01
-"""Consecutive rows and time [s] from which on a torque stays above its limit. Shorter peaks are those of impacts, and of
-gears with a peak rating."""
+
+# Shorter peaks above a limit are impacts, or allowed by gears with a peak rating.
+_MIN_ROWS = 3
+"""Least number of consecutive rows for which a torque stays above its limit."""
+_MIN_TIME = 0.01
+"""Least time for which a torque stays above its limit [s]."""
 
 
 class TimeAbove(NamedTuple):
-    """Longest run of consecutive rows in which measured torques are above their limits, (nv,) each."""
+    """Longest run of consecutive rows in which measured torques are above their limits; arrays (nv,)."""
 
     rows: Array
-    """Number of rows; 0 if the torque is never above."""
+    """Number of rows of the run; 0 if the torque is never above."""
     length: Array
-    """Time from the first of them to the last [s]."""
+    """Time from the first row of the run to its last [s]."""
     at: Array
-    """Time of the first [s]; nan if the torque is never above."""
+    """Time of the first row of the run [s]; nan if the torque is never above."""
 
     @classmethod
-    def from_rows(cls, time: Array, above: Array) -> TimeAbove:
-        """Longest runs of True in each column of ``above`` (n, nv), rows at times (n,); the first of equally long ones."""
-        runs = [_longest_run(time, np.flatnonzero(column)) for column in above.T]
-        rows, length, begin = np.array(runs).reshape(-1, 3).T
-        return cls(rows.astype(int), length, begin)
+    def from_rows(cls, time: Array, is_above: Array) -> TimeAbove:
+        """Longest run of True in each column of a mask (n, nv) at times (n,); the first run if several are equally long."""
+        runs = [_longest_run(time, np.flatnonzero(column)) for column in is_above.T]
+        row_counts, lengths, begins = np.array(runs).reshape(-1, 3).T
+        return cls(row_counts.astype(int), lengths, begins)
 
     def is_lasting(self, step: float) -> Array:
         """Mask (nv,) of torques that stay above for at least three rows and 10 ms; each row lasts one ``step`` [s]."""
@@ -326,7 +350,10 @@ class TimeAbove(NamedTuple):
 
 
 def _longest_run(time: Array, rows: Array) -> tuple[int, float, float]:
-    """Number of rows, duration and beginning of the longest run of consecutive numbers in ``rows``."""
+    """Number of rows, duration [s] and beginning [s] of the longest run of consecutive indices in ``rows``.
+
+    Without rows, these are 0, 0 and nan.
+    """
     run_starts = np.flatnonzero(np.diff(rows) > 1) + 1
     longest = max(np.split(rows, run_starts), key=len)
     if not len(longest):

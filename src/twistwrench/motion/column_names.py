@@ -17,7 +17,7 @@ SUFFIX = {"q": "", "dq": ".vel", "ddq": ".acc", "tau": ".torque", "command": ".c
 """Suffixes of a joint's name in written files, for each part of a motion."""
 
 READ = {"q": ("",), "dq": (".vel",), "ddq": (".acc",), "tau": (".tau", ".torque", ".effort"), "command": (".command",)}
-"""Accepted suffixes, shortest first."""
+"""Accepted suffixes for each part of a motion, shortest first."""
 
 DEGREES = {"q": "deg", "dq": "deg/s", "ddq": "deg/s^2", "command": "deg"}
 """Bracketed units of columns with angles in degrees."""
@@ -50,9 +50,9 @@ def is_command(name: str) -> bool:
 
 
 STATES = ("q", "dq", "ddq", "tau")
-"""Keys of coordinates, velocities, accelerations and torques."""
+"""Keys of the parts of a motion: coordinates, velocities, accelerations and torques."""
 PARTS = (*STATES, "command")
-"""Keys of :data:`STATES`, and the key of commanded positions."""
+"""Keys of all parts of a motion, with that of commanded positions."""
 
 CURRENT = "current"
 """Word for a motor current, which a gain converts to a torque."""
@@ -69,7 +69,7 @@ COMMANDS = (
     "command", "commands", "commanded", "cmd", "action", "actions", "target", "desired", "des", "reference", "ref",
     "setpoint", "goal",
 )  # fmt: skip
-"""Words that make a position a commanded one, in the order in which they are looked for."""
+"""Words that make a position a commanded position, in the order in which they are looked for."""
 NEUTRAL = frozenset((
     "joint", "joints", "jointstate", "jointstates", "state", "states", "actual", "act", "measured", "meas", "msr",
     "feedback", "sensor", "value", "values", "data", "observation", "observations",
@@ -83,7 +83,7 @@ ROS_TIME = "%time"
 """Time column of ``rostopic echo -p``, in integer nanoseconds; other programs write seconds in it."""
 _CERTAIN_TIME_NAMES = ("time", "t")
 _SECONDS_NAMES = ("seconds", "secs")
-_STAMP_NAMES = (
+_STAMP_NAMES = (  # names that are probably a time
     "timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", *_SECONDS_NAMES, "clock",
     "zeit", "zeitstempel", "temps", "tiempo", "tempo", "时间",
 )  # fmt: skip
@@ -92,7 +92,7 @@ _NAME_IN_DEGREES = re.compile(r"A\d|rax_\d", re.IGNORECASE)
 
 
 def time_meaning(text: str) -> tuple[int, str | None] | None:
-    """Rank of a name for time (0 is the most certain) and its unit suffix; None for other names.
+    """Rank of a name for time (0 certain, 1 probable) and its unit suffix, if any; None for other names.
 
     >>> time_meaning("Time"), time_meaning("timestamp_ns"), time_meaning("elbow")
     ((0, None), (1, 'ns'), None)
@@ -100,17 +100,17 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
     name = text.casefold().strip("%_ ")
     if name in _CERTAIN_TIME_NAMES and text.strip() != ROS_TIME:
         return 0, None
-    if name in (*_STAMP_NAMES, "time"):  # "time" for ROS_TIME
+    if name in (*_STAMP_NAMES, "time"):  # "time" is here the stripped ROS_TIME
         return 1, None
     name_without_unit, _, unit = name.rpartition("_")
-    has_unit = unit in ("s", "sec", "ms", "us", "ns")
-    if has_unit and name_without_unit in (*_CERTAIN_TIME_NAMES, *_STAMP_NAMES):
+    is_unit = unit in ("s", "sec", "ms", "us", "ns")
+    if is_unit and name_without_unit in (*_CERTAIN_TIME_NAMES, *_STAMP_NAMES):
         return 1, unit
     return None
 
 
 def is_called_seconds(text: str) -> bool:
-    """True if the name of a time column is that of seconds.
+    """True if the name of a time column says that times are in seconds.
 
     >>> is_called_seconds("Seconds"), is_called_seconds("t")
     (True, False)
@@ -119,7 +119,7 @@ def is_called_seconds(text: str) -> bool:
 
 
 def are_in_degrees(names: Sequence[str]) -> bool:
-    """True if positions without a unit have the names of makers who use degrees.
+    """True if all positions, which have no unit, have names of KUKA or ABB, whose angles are in degrees.
 
     >>> are_in_degrees(["A1", "A2"]), are_in_degrees(["joint1", "joint2"])
     (True, False)
@@ -128,7 +128,7 @@ def are_in_degrees(names: Sequence[str]) -> bool:
 
 
 def time_column(names: Sequence[str]) -> str:
-    """Name of the time column in written files, given the other columns' names.
+    """Name of the time column in written files that none of the other columns' ``names`` has.
 
     >>> time_column(["elbow"]), time_column(["time", "elbow"])
     ('time', 'time [s]')
@@ -138,7 +138,8 @@ def time_column(names: Sequence[str]) -> str:
 
 # ── Units in brackets, as in ``elbow [deg]``, and their factors to SI
 
-_DEGREE, _TURN = math.radians(1.0), math.tau
+_DEGREE = math.radians(1.0)
+_TURN = math.tau
 _ANGLES = {
     **dict.fromkeys(("rad", "radian", "radians"), 1.0),
     "mrad": 1e-3,
@@ -154,11 +155,11 @@ _TIMES = {
     "min": 60.0,
 }
 _LAST_DATE = 2e11
-"""Largest date [s], in the year 8307."""
+"""Largest time [s since 1970] that counts as a date, in the year 8307."""
 _MIN_DATE_NS = 1e17
-"""Stamp of 1973 [ns]; larger stamps are dates in nanoseconds."""
+"""Smallest stamp [ns since 1970] that is a date in nanoseconds, in the year 1973."""
 _MIN_STEP_NS = 1e4
-"""Step of 10 µs [ns]; logs have longer steps, and steps in whole s or ms are smaller numbers."""
+"""Smallest step of stamps in nanoseconds: 10 µs. Logs have longer steps, and steps in whole s or ms are smaller numbers."""
 
 
 def _per_time(factors: dict[str, float], suffix: str) -> dict[str, float]:
@@ -180,8 +181,8 @@ _FACTORS: dict[tuple[str, bool], dict[str, float]] = {
     ("tau", True): {"nm": 1.0, "mnm": 1e-3, "knm": 1e3, "ncm": 1e-2},
     ("tau", False): {"n": 1.0, "mn": 1e-3, "kn": 1e3},
 }
-"""Factors to SI units by unit, for each quantity, of turning (True) and sliding joints."""
-_USUAL_UNITS = {
+"""Factors to SI units by unit, for each quantity of turning (True) and sliding (False) joints."""
+_USUAL_UNITS = {  # by quantity, and True for turning joints
     ("q", True): "rad, deg, rev",
     ("q", False): "m, cm, mm",
     ("command", True): "rad, deg, rev",
@@ -198,7 +199,7 @@ _USUAL_UNITS = {
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
-    """Split a column's name into the name and the unit in brackets at its end; numbers in brackets are indices.
+    """Name of a column without the unit in brackets at its end, and this unit or None; numbers in brackets are indices.
 
     >>> split_unit("elbow [deg]"), split_unit("Time (ms)"), split_unit("position[0]")
     (('elbow', 'deg'), ('Time', 'ms'), ('position[0]', None))
@@ -208,17 +209,20 @@ def split_unit(text: str) -> tuple[str, str | None]:
     if match is None:
         return text, None
     name = match["name"].strip()
-    unit = (match["square"] or match["round"] or "").strip()
-    if not unit or unit.isdigit() or not name:
+    in_brackets = match["square"] or match["round"] or ""
+    unit = in_brackets.strip()
+    is_index = unit.isdigit()
+    if not unit or is_index or not name:
         return text, None
     return name, unit
 
 
 _NAME_WITH_UNIT = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
+"""Name, then a text in square or round brackets."""
 
 
 def si_factor(unit: str, part: str, angular: bool) -> float | None:
-    """Factor from a unit to SI units; ``part`` is q, dq, ddq, jerk, tau or command; None for units of other quantities.
+    """Factor from a unit to SI units; None for units of other quantities. ``part`` is q, dq, ddq, jerk, tau or command.
 
     >>> si_factor("deg/s^2", "ddq", True) == math.radians(1.0), si_factor("m/s", "dq", True)
     (True, None)
@@ -232,7 +236,7 @@ def known_units(part: str, angular: bool) -> str:
 
 
 def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
-    """Factor of :func:`si_factor`; errors (TrajectoryError) start with ``where``."""
+    """Factor of :func:`si_factor`; raises TrajectoryError, which starts with ``where``, for units of other quantities."""
     factor = si_factor(unit, part, angular)
     if factor is None:
         units = known_units(part, angular)
@@ -260,11 +264,11 @@ def time_factor(unit: str) -> float | None:
 
 
 SINCE_1970 = 1e8
-"""Smallest time [s] that counts from 1970 (in 1973); a log of three years is implausible."""
+"""Smallest time [s] that counts from 1970 instead of the begin of a log, in 1973: a log of three years is implausible."""
 
 
 def date_note(begin: float) -> tuple[str, ...]:
-    """Sentence about the date of the first time; empty unless times count from 1970.
+    """Sentence about the date of the first time [s]; empty unless times count from 1970.
 
     >>> date_note(1.7e9), date_note(12.5)
     (('Time counts from 2023-11-14 22:13:20 UTC.',), ())
@@ -276,7 +280,7 @@ def date_note(begin: float) -> tuple[str, ...]:
 
 
 def unit_since_1970(stamps: Array) -> str | None:
-    """Unit of stamps (n,) that can only be ns, us or ms since 1970, from 2008 to 2039; else None.
+    """Unit of stamps (n,) that are plausible only as ns, us or ms since 1970, with dates from 2008 to 2039; otherwise None.
 
     >>> import numpy as np
     >>> [unit_since_1970(np.array([x, x + 1.0])) for x in (1.7e18, 1.7e15, 1.7e12, 1.7e9, 5.0)]
@@ -293,8 +297,9 @@ def unit_since_1970(stamps: Array) -> str | None:
 
 
 _UNITS_PER_GIGASECOND = {"ns": 1e18, "us": 1e15, "ms": 1e12}
-_FIRST_DATE, _LAST_RECORDING_DATE = 1.2, 2.2
-"""Dates in 2008 and 2039 [10⁹ s since 1970]."""
+_FIRST_DATE = 1.2
+_LAST_RECORDING_DATE = 2.2
+"""Dates in 2008 and in 2039 [10⁹ s since 1970]."""
 
 
 def ros_nanoseconds(stamps: Array) -> bool:
@@ -310,7 +315,8 @@ def ros_nanoseconds(stamps: Array) -> bool:
         return True
     if np.abs(stamps).max() >= _MIN_DATE_NS:
         return True
-    if (stamps != np.round(stamps)).any():
+    are_integers = (stamps == np.round(stamps)).all()
+    if not are_integers:
         return False
     return len(stamps) == 1 or float(np.median(np.diff(stamps))) >= _MIN_STEP_NS
 
@@ -321,10 +327,11 @@ _BLANKS_AND_PRODUCT_SIGNS = re.compile(r"[\s·*.⋅-]")
 
 
 def _plain(unit: str, *, products: bool = False) -> str:
-    """Unit in lower case without blanks, powers as digits; ``products``: also without product signs, as in N·m."""
-    text = unit.strip().casefold().translate(_PLAIN_CHARACTERS).replace("**", "")
+    """Unit in lower case without blanks, with powers as digits; if ``products``, also without product signs, as in N·m."""
+    text = unit.strip().casefold()
+    text = text.translate(_PLAIN_CHARACTERS).replace("**", "")
     if "/" in text:
         text = text.replace("deg.", "deg").replace("sec", "s")
-    ignored = _BLANKS_AND_PRODUCT_SIGNS if products else _BLANKS
-    text = ignored.sub("", text)
+    ignored_characters = _BLANKS_AND_PRODUCT_SIGNS if products else _BLANKS
+    text = ignored_characters.sub("", text)
     return re.sub(r"/s/s$", "/s2", text)

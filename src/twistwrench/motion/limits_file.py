@@ -1,7 +1,7 @@
 """Joint limits that the user gives: a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``.
 
-Bearings have the columns ``axial,radial,tilting`` [N, N, N m]. Rows of locked joints are ignored. The table of
-``twistwrench info --csv`` is accepted, with one row for each entry of dq; its other columns are ignored.
+Limits of bearings are in the columns ``axial,radial,tilting`` [N, N, N m]. Rows of locked joints are ignored. The table of
+``twistwrench info --csv``, with one row for each entry of dq, is accepted; its columns without limits are ignored.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ COLUMNS = (
 )  # fmt: skip
 """Columns of the table of ``twistwrench info --csv``."""
 KINDS = tuple(field.name for field in fields(Limits))
-"""Kinds of limits."""
+"""Kinds of limits, which are columns of a limits file."""
 _WORDS_FOR_NUMBERS = {
     **dict.fromkeys(("inf", "+inf", "infinity", "+infinity"), math.inf),
     **dict.fromkeys(("-inf", "-infinity"), -math.inf),
@@ -52,17 +52,17 @@ _QUANTITY_OF_KIND = {
     "deceleration": "ddq",
     "effort": "tau",
 }
-"""Quantities by kind of limit, for their units; jerk is a quantity itself."""
+"""Quantity that has the units of a kind of limit; for kinds not listed, such as jerk, it has the name of the kind."""
 _BEARING_LOADS = {"axial": ("tau", False), "radial": ("tau", False), "tilting": ("tau", True)}
 """Quantity, and True for a moment, by kind of bearing limit; they do not depend on the type of the joint."""
 
 
 Given: TypeAlias = str | Path | Limits | Mapping[str, Any] | None
-"""A file, limits, efforts by joint, or arrays by kind of limit."""
+"""Path of a file, limits, efforts by joint, arrays by kind of limit, or None for the limits of the model."""
 
 
 def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
-    """Limits of the model, replaced by those that are given.
+    """Limits of the model, in which given limits replace those of the model.
 
     Parameters
     ----------
@@ -88,6 +88,7 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
         return given
     if not isinstance(given, Mapping):
         return read_limits(given, model, degrees=degrees)
+    # a joint may have the name of a kind: its effort is a number, not an array
     arrays_by_kind = {name: value for name, value in given.items() if name in KINDS and np.ndim(value)}
     efforts_by_joint = {name: value for name, value in given.items() if name not in arrays_by_kind}
     limits = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
@@ -103,7 +104,7 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
             continue
         if joint not in coordinates.velocity_names:
             raise UnknownNameError.from_choices("joint", joint, coordinates.velocity_names)
-        k = _velocity_index(joint, {"effort": effort}, coordinates, set(), "limits")
+        k = _velocity_index(joint, {"effort": effort}, coordinates, previous_joints=set(), where="limits")
         limits["effort"][k] = arguments.number(effort, f"limits: {joint}")
         has_effort[k] = True
     for kind in KINDS:
@@ -112,7 +113,8 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
         if kind not in ("lower", "upper"):
             is_invalid |= limits[kind] <= 0.0
         if is_given and is_invalid.any():
-            joint = coordinates.velocity_names[int(np.argmax(is_invalid))]
+            first_invalid = int(np.argmax(is_invalid))
+            joint = coordinates.velocity_names[first_invalid]
             raise ValueRangeError(
                 f"limits: the {kind} limit of {joint!r} cannot be a limit. Give a number above 0, or inf."
             )
@@ -121,10 +123,10 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
 
 
 def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
-    """Limits of the model, replaced by those of a file where given.
+    """Limits of the model, in which limits of a file replace those of the model.
 
-    The unit of an angle is that of the heading, as in ``velocity [deg/s]``. Without one it is that of the column
-    ``unit``, and without this column degrees if ``degrees``, else radians. Raises :class:`~twistwrench.NotFoundError`,
+    A heading may name the unit, as in ``velocity [deg/s]``. Otherwise the column ``unit`` has the unit of angles. Without both,
+    angles are in degrees if ``degrees``, else in radians. Raises :class:`~twistwrench.NotFoundError`,
     :class:`~twistwrench.UnknownNameError` and :class:`~twistwrench.ValueRangeError`, naming file, line and column.
     """
     if path is None:
@@ -162,8 +164,8 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
         position_factor = _factor(position_unit, "q", is_angular, f"{where}, column 'unit'")
         for kind, value in values.items():
             if kind in units:
-                default = _QUANTITY_OF_KIND.get(kind, kind), is_angular
-                quantity, is_angular_quantity = _BEARING_LOADS.get(kind, default)
+                joint_quantity = _QUANTITY_OF_KIND.get(kind, kind), is_angular
+                quantity, is_angular_quantity = _BEARING_LOADS.get(kind, joint_quantity)
                 factor = _factor(units[kind], quantity, is_angular_quantity, f"{where}, column {kind!r}")
             elif kind in ("effort", *BEARINGS):
                 factor = 1.0
@@ -183,12 +185,13 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
 
 
 def _factor(unit: str, part: str, is_angular: bool, where: str) -> float:
-    """Factor from a unit to SI units; raises ValueRangeError for units of other quantities."""
+    """Factor from a unit of the quantity ``part`` to SI units; raises ValueRangeError for units of other quantities."""
     factor = si_factor(unit, part, is_angular)
     if factor is None:
-        joint = "turning" if is_angular else "sliding"
+        joint_type = "turning" if is_angular else "sliding"
+        units = known_units(part, is_angular)
         raise ValueRangeError(
-            f"{where}: {unit!r} is not a unit of this limit of a {joint} joint. Write one of {known_units(part, is_angular)}."
+            f"{where}: {unit!r} is not a unit of this limit of a {joint_type} joint. Write one of {units}."
         )
     return factor
 
@@ -217,15 +220,16 @@ def _velocity_index(
 
 def _check_bearing(model: Model, joint: str, values: dict[str, float], where: str) -> None:
     """Raise ValueRangeError for limits of loads that a joint's bearing does not have."""
-    kinds = [kind for kind in BEARINGS if math.isfinite(values.get(kind, math.inf))]
-    bodies = {body.joint.name: body for body in model.leaders}
-    body = bodies.get(joint)
-    if kinds and (body is None or body.joint.nv != 1):
+    given_kinds = [kind for kind in BEARINGS if math.isfinite(values.get(kind, math.inf))]
+    body_by_joint = {body.joint.name: body for body in model.leaders}
+    body = body_by_joint.get(joint)
+    has_several_degrees = body is None or body.joint.nv != 1
+    if given_kinds and has_several_degrees:
         raise ValueRangeError(
-            f"{where}, column {kinds[0]!r}: {joint!r} has several degrees of freedom, and loads of its bearing are not "
+            f"{where}, column {given_kinds[0]!r}: {joint!r} has several degrees of freedom, and loads of its bearing are not "
             "computed. Leave this blank."
         )
-    if "axial" in kinds and body is not None and not body.joint.turning[0]:
+    if "axial" in given_kinds and body is not None and not body.joint.turning[0]:
         raise ValueRangeError(
             f"{where}, column 'axial': {joint!r} slides along its axis, so that its drive bears the force along it, and no "
             "bearing. Leave this blank, and give the largest force of the drive as effort."
@@ -233,7 +237,7 @@ def _check_bearing(model: Model, joint: str, values: dict[str, float], where: st
 
 
 def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
-    """Column names, and units by column where the heading names one, as in ``velocity [deg/s]``."""
+    """Names of all columns, and the unit of each column of limits whose heading has one, as in ``velocity [deg/s]``."""
     header: list[str] = []
     units: dict[str, str] = {}
     for heading in file.header:
@@ -277,16 +281,18 @@ def notes_on_limits(limits: Limits) -> Iterator[str]:
 
 
 def robot_origin(robot: Robot, limits: Limits | None = None, *, degrees: bool = False) -> Iterator[Setting]:
-    """Robot with its joints, and the limits used, for the provenance of a page; angles in degrees if ``degrees``."""
+    """Entries of a page's provenance: the robot with its joints, and the limits used; angles in degrees if ``degrees``."""
     yield "robot", f"{robot.name}: {', '.join(robot.model.velocity_names)}"
     if limits is not None:
         yield limits_table(robot.model, limits, degrees=degrees)
 
 
 def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> Table:
-    """Limits used by a report and their source; angles in degrees if ``degrees``."""
+    """Table of the limits that a report uses, and of their sources; angles in degrees if ``degrees``."""
     is_angular = Coordinates.from_model(model).angular_velocity
-    units_per_si_unit = np.where(is_angular & degrees, math.degrees(1.0), 1.0)  # printed units
+    printed_units = np.where(is_angular & degrees, math.degrees(1.0), 1.0)  # in one SI unit
+    position_unit = heading_unit("q", is_angular, degrees=degrees)
+    velocity_unit = heading_unit("dq", is_angular, degrees=degrees)
     sources = np.full(model.nv, "robot's file", object)
     if isinstance(limits, StatedLimits):
         sources[limits.stated] = "limits given"
@@ -298,10 +304,8 @@ def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> Tabl
         "Limits used",
         words("joint", model.velocity_names),
         numbers("torque", joint_effort(model, limits.effort), unit=heading_unit("tau", is_angular)),
-        numbers("velocity", units_per_si_unit * limits.velocity, unit=heading_unit("dq", is_angular, degrees=degrees)),
-        numbers("lower", units_per_si_unit * limits.lower, unit=heading_unit("q", is_angular, degrees=degrees)),
-        numbers(
-            "upper", units_per_si_unit * limits.upper, unit=heading_unit("q", is_angular, degrees=degrees), headed=False
-        ),
+        numbers("velocity", printed_units * limits.velocity, unit=velocity_unit),
+        numbers("lower", printed_units * limits.lower, unit=position_unit),
+        numbers("upper", printed_units * limits.upper, unit=position_unit, headed=False),
         words("source of the torque limit", sources.tolist()),
     )

@@ -1,4 +1,4 @@
-"""Function of the command ``log``: columns of a log, its rates, gaps, grids and noise."""
+"""Report on a log, as of the command ``log``: its columns, rates, gaps, grids and noise."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LogReport(Answer):
 
     @property
     def verdict(self) -> Verdict:
-        """DONE."""
+        """DONE, since nothing is judged."""
         return Verdict(Word.DONE)
 
     @property
@@ -106,17 +106,17 @@ def check_log(file: str | Path, *, topic: str | None = None, episode: int | None
 
 
 _MAX_ROWS = 10
-"""Largest number of rows in the short form."""
-_MAX_ZEROS = 0.1
+"""Largest number of columns of the log in the short form, one in each row of the table."""
+_MAX_SHARE_OF_ZEROS = 0.1
 """Share of exact zeros above which a column gets a remark."""
 _MIN_GRID_STEPS = 50
-"""Number of grid steps over its range below which a column gets a remark."""
+"""Number of grid steps between the extremes of a column below which it gets a remark."""
 _MIN_JITTER = 1e-3
-"""Variation of the steps, relative to the usual step, above which it is stated."""
+"""Variation of the steps, relative to the usual step, above which the clock gets a remark."""
 
 
 def log_view(quality: LogQuality) -> Iterator[Block]:
-    """Line on the clock, and table of the columns."""
+    """Line on the clock, table of the columns, and notes."""
     columns = quality.columns
     yield Line((quality.path.name, Style.STRONG), f"  {_clock_text(quality)}")
     yield Table(
@@ -124,7 +124,7 @@ def log_view(quality: LogQuality) -> Iterator[Block]:
         words("column", [column.name for column in columns]),
         numbers("least", [column.least for column in columns]),
         numbers("most", [column.most for column in columns]),
-        numbers("grid", [column.grid or None for column in columns]),
+        numbers("grid", [column.grid or None for column in columns]),  # a dash for 0
         numbers("noise", [column.noise or None for column in columns]),
         words("", map(_remarks_on_column, columns), style=Style.NEAR),
         most=_MAX_ROWS,
@@ -133,22 +133,23 @@ def log_view(quality: LogQuality) -> Iterator[Block]:
 
 
 def _clock_text(quality: LogQuality) -> str:
-    """Number of rows, duration and rate, and what is irregular about the steps."""
+    """Number of rows, duration and rate of the log, and irregular steps."""
     if not quality.time:
         return f"{quality.rows} rows, no column of time"
     parts = [f"{quality.rows} rows in {number(quality.seconds)} s, {number(quality.rate)} Hz by the usual step"]
     relative_jitter = quality.jitter * quality.rate
     if math.isfinite(quality.jitter) and relative_jitter > _MIN_JITTER:
         parts.append(f"steps vary by {percent(relative_jitter, 2)}")
-    longest = f", the longest {number(quality.longest)} s"
-    irregularities = (
-        (quality.gaps, f"gap{longest}", f"gaps{longest}"),
+    longest_gap = f", the longest {number(quality.longest)} s"
+    irregularities = (  # number, noun for one, noun for several
+        (quality.gaps, f"gap{longest_gap}", f"gaps{longest_gap}"),
         (quality.repeated, "stamp repeated", "stamps repeated"),
         (quality.backward, "stamp runs back", "stamps run back"),
     )
     for count, singular, plural in irregularities:
         if count:
-            parts.append(f"{count} {singular if count == 1 else plural}")
+            noun = singular if count == 1 else plural
+            parts.append(f"{count} {noun}")
     return "; ".join(parts)
 
 
@@ -159,7 +160,7 @@ def _remarks_on_column(column: LogColumn) -> str:
     column_remarks = []
     if column.cut:
         column_remarks.append(f"cut off: {percent(column.cut, 2)} of the rows at an extreme")
-    if column.zeros > _MAX_ZEROS:
+    if column.zeros > _MAX_SHARE_OF_ZEROS:
         column_remarks.append(f"exactly 0 in {percent(column.zeros, 2)} of the rows")
     extent = column.most - column.least
     if column.grid and extent < _MIN_GRID_STEPS * column.grid:

@@ -19,47 +19,49 @@ from .quantities import QUANTITIES, Quantity, Shape
 
 
 def evaluate_quantity(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:
-    """The quantity's algorithm on arrays of numbers or symbols: usual inputs, a wrench per frame, gravity, parameters."""
-    own_options = dict(options)
-    own_options.pop("derivative", None)
+    """Results of the quantity's algorithm on arrays of numbers or symbols.
+
+    The arrays are the usual inputs, then a wrench for each frame, gravity and parameters, if these are inputs.
+    """
+    algorithm_options = dict(options)
+    algorithm_options.pop("derivative", None)
     usual_count = len(quantity.inputs)
-    parameters = own_options.pop("parameters", ())
+    parameters = algorithm_options.pop("parameters", ())
     if parameters:
         model = with_symbolic_parameters(model, parameters, arrays[-1])
         arrays = arrays[:-1]
-    frames = own_options.pop("wrenches", ())
+    frames = algorithm_options.pop("wrenches", ())
     if frames:
-        on_robot = own_options.pop("on_robot", ())
+        frames_on_robot = algorithm_options.pop("on_robot", ())
         wrench_arrays = arrays[usual_count : usual_count + len(frames)]
         wrenches_by_robot = dict(zip(frames, wrench_arrays, strict=True))
         for frame in frames:
-            if frame in on_robot:
+            if frame in frames_on_robot:
                 wrenches_by_robot[frame] = -wrenches_by_robot[frame]
-        own_options["wrenches"] = wrenches_by_robot
-    if own_options.pop("gravity", None):  # the last input, as parameters were taken off above
+        algorithm_options["wrenches"] = wrenches_by_robot
+    if algorithm_options.pop("gravity", None):  # now the last input, without parameters
         model = replace(model, gravity=arrays[-1])
-    return quantity.algorithm(model, *arrays[:usual_count], **own_options)
+    return quantity.algorithm(model, *arrays[:usual_count], **algorithm_options)
 
 
 def _result_tuple(returned: Any) -> tuple[Any, ...]:
-    """Results of an algorithm that returns one or several."""
+    """Results of an algorithm that returns one array, or a tuple of several."""
     if isinstance(returned, tuple):
         return returned
     return (returned,)
 
 
 def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: bool = True) -> Program:
-    """Trace one quantity of one robot.
+    """Trace one quantity of one robot; inputs as of :func:`evaluate_quantity`.
 
-    Wrenches, if any, become further inputs after the usual ones, then gravity and parameters if these are inputs.
-    ``regroup=False`` disables base-parameter regrouping, to count the operations it saves.
+    ``regroup=False`` disables base-parameter regrouping, to count the operations that it saves.
     """
     return program_of_several(model, {name: options}, regroup=regroup)
 
 
 def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]], *, regroup: bool = True) -> Program:
     """Trace several quantities, ``{name: options}``, as one program with common subexpressions."""
-    ports, derivative_ports, models = {}, {}, {}
+    ports, derivative_ports, models = {}, {}, {}  # by quantity
     for name, options in requested.items():
         ports[name] = input_shapes(model, name, options)
         derivative_ports[name] = _ports_of_derivative(model, name, options)
@@ -67,10 +69,10 @@ def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]],
     inputs: dict[str, Shape] = {}
     for shapes in (*ports.values(), *derivative_ports.values()):
         inputs |= shapes
-    order = _input_order(inputs)
+    labels = _input_order(inputs)
 
     def all_results(*arrays: Any) -> tuple[Any, ...]:
-        array_by_label = dict(zip(order, arrays, strict=True))
+        array_by_label = dict(zip(labels, arrays, strict=True))
         collected: list[Any] = []
         for name, options in requested.items():
             arguments = {label: array_by_label[label] for label in ports[name]}
@@ -80,8 +82,8 @@ def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]],
             if derivative is not None:
                 charts = {}
                 for label in derivative.by:
-                    is_configuration = label in CONFIGURATIONS
-                    charts[label] = Chart.from_input(arguments[label], model if is_configuration else None)
+                    chart_model = model if label in CONFIGURATIONS else None
+                    charts[label] = Chart.from_input(arguments[label], chart_model)
                 weights_and_directions = {label: array_by_label[label] for label in derivative_ports[name]}
                 results = derivative.derive(name, results, charts, weights_and_directions)
             collected.extend(results)
@@ -91,7 +93,7 @@ def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]],
     for name, options in requested.items():
         names = QUANTITIES[name].outputs
         outputs += options["derivative"].outputs(names) if "derivative" in options else names
-    return trace(all_results, [(label, inputs[label]) for label in order], outputs)
+    return trace(all_results, [(label, inputs[label]) for label in labels], outputs)
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
@@ -101,13 +103,14 @@ def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple
 
 
 def _input_order(labels: Iterable[str]) -> list[str]:
-    """Usual inputs, weights and directions of derivatives, wrenches, gravity, parameters."""
-    last = ("gravity", "parameters")
-    return sorted(labels, key=lambda label: (label in last, label.startswith("wrench at")))  # stable within each kind
+    """Labels in order: usual inputs, weights and directions of derivatives, wrenches, gravity, parameters."""
+    last_labels = ("gravity", "parameters")
+    # the sort keeps the order within each kind
+    return sorted(labels, key=lambda label: (label in last_labels, label.startswith("wrench at")))
 
 
 def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
-    """Shapes of the additional inputs of a derivative by name."""
+    """Shapes by label of the additional inputs of a derivative; empty without a derivative."""
     derivative = options.get("derivative")
     if derivative is None:
         return {}
@@ -117,7 +120,8 @@ def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) ->
     if derivative.weighs:  # shapes of results are known only after tracing
         temporary_trace = Trace()
         symbols = [temporary_trace.inputs(0, shape) for shape in ports.values()]
-        results = _result_tuple(evaluate_quantity(QUANTITIES[name], model, symbols, options))
+        returned = evaluate_quantity(QUANTITIES[name], model, symbols, options)
+        results = _result_tuple(returned)
         result_shapes = list(map(np.shape, results))
         temporary_trace.forget()
     direction_shapes = dict(ports)
@@ -129,7 +133,7 @@ def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) ->
 
 
 def _model_for(model: Model, name: str, options: Mapping[str, Any], regroup: bool) -> Model:
-    """Model for a quantity: with base parameters if it depends on torques only and no parameter moves a joint."""
+    """Model for a quantity: regrouped if the quantity depends only on joint torques, and no parameter moves a joint."""
     parameters_move_joints = moves_joints(model, options.get("parameters", ()))
     if QUANTITIES[name].felt and regroup and not parameters_move_joints:
         return regrouped(model)

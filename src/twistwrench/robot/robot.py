@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @cache
 def _inverse_kinematics() -> Callable[..., IKResult]:
-    """Solver, imported at the first call: an import statement in each call would take as long as a search nearby."""
+    """Solver, imported at the first call: an import statement in each call would take as long as a search from a near start."""
     from .inverse_kinematics.solve import solve
 
     return solve
@@ -158,7 +158,7 @@ class Robot(
     def _install_direct_call(self, name: str, kernel: Any, signature: CallSignature, call_count: int) -> bool:
         """Install a builtin that calls the kernel directly for plain arrays of one state; all other calls use the method.
 
-        Returns True if calls of this kind need no further counting: a builtin exists or is impossible.
+        Returns True if calls of this kind need not be counted any more: a builtin exists or is impossible.
         """
         method = getattr(Robot, name) if name in _METHODS else None
         if method is None or getattr(type(self), name) is not method:  # a subclass has its own method
@@ -242,17 +242,17 @@ class Robot(
             return result
         from .inverse_kinematics.solve import clear_of_links
 
-        def solve_from_starts(target: Array, starts: Array) -> IKResult:
+        def solve_without_restarts(target: Array, starts: Array) -> IKResult:
             return solve(robot, target, frame, starts, rows, 0, rng, *options)
 
         poses = np.asarray(T)
         has_single_frame = frame is None or isinstance(frame, str)
-        target_rank = 2 if has_single_frame else 3
+        target_rank = 2 if has_single_frame else 3  # (4, 4) or (k, 4, 4)
         batch_shape = result.q.shape[:-1]
         return clear_of_links(
             result,
             np.broadcast_to(poses, (*batch_shape, *poses.shape[-target_rank:])),
-            solve_from_starts,
+            solve_without_restarts,
             robot._clearance_search(),
             arguments.positive(clearance, "inverse_kinematics: clearance", "m", zero=True),
             robot.random_configuration(rng, restarts),
@@ -344,7 +344,7 @@ class Robot(
             self._motors(actuated)
         q, dq, ddq = map(np.asarray, states(self.model, "explain", q=q, dq=dq, ddq=ddq))
         tau = np.asarray(self.inverse_dynamics(q, dq, ddq, **wrenches), float)
-        other_torques: dict[str, Array] = {}
+        other_torques: dict[str, Array] = {}  # of terms without inertial parameters
         for sign, frame_wrenches in ((1.0, wrench_by_robot), (-1.0, wrench_on_robot)):
             for frame, F in (frame_wrenches or {}).items():
                 name = f"wrench at {frame}"
@@ -395,7 +395,7 @@ class Robot(
 
 
 def _name_methods() -> None:
-    """Name the methods of the mixins after Robot, as errors for missing arguments show these names."""
+    """Set the qualified names of the mixins' methods to ``Robot.…``, which errors for missing arguments show."""
     for mixin in Robot.__mro__[1:]:
         if not mixin.__module__.startswith(__package__):
             continue

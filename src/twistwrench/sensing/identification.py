@@ -31,7 +31,7 @@ from .static_poses import static_poses
 from .unknowns import Unknowns
 
 MIN_ROWS_IN_ORDER = 8
-"""Smallest number of rows for tests that use their order."""
+"""Smallest number of rows for tests that use the order of the rows."""
 Cause: TypeAlias = Literal["orientation", "drift", "tilt", "delay"]
 """Causes of residuals for ``assume``, each an additional unknown of the fit."""
 Causes: TypeAlias = Cause | Sequence[Cause]
@@ -107,16 +107,16 @@ def identify(
     causes = (assume,) if isinstance(assume, str) else tuple(assume)
     for cause in causes:
         arguments.choice(cause, "assume", CAUSES)
-    assumed = [cause in causes for cause in CAUSES]
-    unknowns = Unknowns(bias is None, arguments.flag(inertia, "inertia"), *assumed)
+    is_assumed = [cause in causes for cause in CAUSES]
+    unknowns = Unknowns(bias is None, arguments.flag(inertia, "inertia"), *is_assumed)
     known_bias, known_noise = _validate(bias, noise, outliers, confidence)
     _check_log(log, unknowns)
-    used = np.ones(len(log), bool)
+    is_used = np.ones(len(log), bool)  # mask of readings
     poses = static_poses(log)
     if outliers == "trim":
-        used = ~touched_in_static_poses(log, poses)
-    if not used.all():
-        poses = static_poses(log.rows(used))
+        is_used = ~touched_in_static_poses(log, poses)
+    if not is_used.all():
+        poses = static_poses(log.rows(is_used))
     problem = Problem(
         log=poses.log,
         unknowns=unknowns,
@@ -129,33 +129,39 @@ def identify(
         label=poses.label,
         timed=log.time is not None,
     )
-    unobservable = blind_spots(log.rows(used), unknowns, factor)
+    unobservable = blind_spots(log.rows(is_used), unknowns, factor)
     if unobservable:
-        raise ValueRangeError(f"{log.name}: {' '.join(unobservable[:3])} {advice(log, unknowns)}")
+        raise ValueRangeError(f"{log.name}: {' '.join(unobservable[:_MAX_BLIND_SPOTS])} {advice(log, unknowns)}")
     problem = with_guessed_mounting(problem)
-    kept = np.ones(len(poses.log), bool)
+    is_kept = np.ones(len(poses.log), bool)  # mask of rows, which are dwells or readings in motion
     if outliers == "trim" and len(poses.log) > least_rows(problem):
-        best_fit, kept = fit_unless_drift(problem, *reject_outliers(problem))
+        best_fit, is_kept = fit_unless_drift(problem, *reject_outliers(problem))
     else:
-        best_fit = fit(problem, keep=kept)
+        best_fit = fit(problem, keep=is_kept)
     label = problem.label
-    white = whiteness(best_fit, kept, label)
-    has_revisits = len(np.unique(label)) < len(kept)
+    white = whiteness(best_fit, is_kept, label)
+    has_revisits = len(np.unique(label)) < len(is_kept)
     if white is not None and white.length > 1 and not has_revisits:  # autocorrelated neighbours become one cluster
-        problem = replace(problem, label=np.arange(len(kept)) // white.length, state=best_fit.state)
-        best_fit = fit(problem, keep=kept)
-    between_dwells = np.zeros(len(log), bool)
-    between_dwells[used] = poses.row < 0
-    left_out = ~used
-    left_out[used] = ~poses.spread(kept) & ~between_dwells[used]
-    used_readings = UsedReadings(left_out, between_dwells, label, white)
-    return acceptance_test(Diagnosis(sign, best_fit, kept), confidence, problem, log, used_readings)
+        cluster_of_row = np.arange(len(is_kept)) // white.length
+        problem = replace(problem, label=cluster_of_row, state=best_fit.state)
+        best_fit = fit(problem, keep=is_kept)
+    is_between_dwells = np.zeros(len(log), bool)
+    is_between_dwells[is_used] = poses.row < 0
+    is_outlier = ~is_used
+    is_outlier[is_used] = ~poses.spread(is_kept) & ~is_between_dwells[is_used]
+    used_readings = UsedReadings(is_outlier, is_between_dwells, label, white)
+    return acceptance_test(Diagnosis(sign, best_fit, is_kept), confidence, problem, log, used_readings)
+
+
+_MAX_BLIND_SPOTS = 3
+"""Largest number of sentences on unobservable unknowns in an error message."""
 
 
 def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
-    """Whiteness test of the residuals of the kept rows (n,), in the order of the log; None for too few rows.
+    """Whiteness test of the residuals of the rows that the mask ``kept`` (n,) marks, in the order of the log.
 
-    Rows with the same label (n,) share the pose error of a revisited orientation, so their mean is subtracted.
+    Rows with the same ``label`` (n,) share the pose error of a revisited orientation, so their mean is subtracted. None for
+    too few rows.
     """
     e = (fit.residuals / fit.deviation)[kept]
     _, cluster, count = np.unique(label[kept], return_inverse=True, return_counts=True)
@@ -165,9 +171,11 @@ def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
     e = e - cluster_means[cluster]
     if len(e) < MIN_ROWS_IN_ORDER:
         return None
-    A = (fit.design / fit.deviation[..., None])[kept].reshape(e.size, -1)
+    weighted_design = fit.design / fit.deviation[..., None]
+    A = weighted_design[kept].reshape(e.size, -1)
     largest_entries = np.abs(A).max(axis=0)
-    Q, _ = np.linalg.qr(A / np.where(largest_entries > 0, largest_entries, 1.0))
+    column_sizes = np.where(largest_entries > 0, largest_entries, 1.0)
+    Q, _ = np.linalg.qr(A / column_sizes)
     return Whiteness.from_residuals(e, Q.reshape(len(e), 6, -1), WRENCH)
 
 
@@ -176,20 +184,21 @@ def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
     motion = "motion, and the log has none. Give V and dV (columns wx, wy, wz, vx, vy, vz, dwx, …, dvz)"
     time = "time, and the log has none. Give a column time"
     orientations = "orientations, and the log has none. Give them"
-    needs = (
+    needs = (  # True if it is an unknown, its name, signal in the log, text about this signal
         (unknowns.inertia, "an inertia", log.V, motion),
         (unknowns.delay, "a delay", log.V, motion),
         (unknowns.delay, "a delay", log.time, time),
         (unknowns.tilt, "a tilt of the base", log.rotations, orientations),
     )
-    for is_unknown, name, signal, need in needs:
+    for is_unknown, name, signal, signal_text in needs:
         if is_unknown and signal is None:
-            raise ValueRangeError(f"{log.name}: {name} shows only in {need}; otherwise leave it out.")
-    least = max(3, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)  # as least_rows
-    if len(log) < least:
+            raise ValueRangeError(f"{log.name}: {name} shows only in {signal_text}; otherwise leave it out.")
+    # six equations for each reading; the same number as least_rows
+    min_readings = max(3, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)
+    if len(log) < min_readings:
         readings = "1 reading" if len(log) == 1 else f"{len(log)} readings"
         raise ValueRangeError(
-            f"{log.name}: {readings}, and {len(unknowns.names)} unknowns need at least {least} in different "
+            f"{log.name}: {readings}, and {len(unknowns.names)} unknowns need at least {min_readings} in different "
             "orientations. Add readings; `poses` proposes some."
         )
 
@@ -197,8 +206,10 @@ def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
 def _validate(
     bias: ArrayLike | None, noise: ArrayLike | None, outliers: str, confidence: float
 ) -> tuple[Array, Array | None]:
-    """Known bias (6,), zero if there is none, and known noise (6,), if any."""
-    known_bias = np.zeros(6) if bias is None else arguments.finite(arguments.one(bias, "bias", 6), "bias")
+    """Known bias (6,), zero if it is not known, and known noise (6,), None if it is not known."""
+    known_bias = np.zeros(6)
+    if bias is not None:
+        known_bias = arguments.finite(arguments.one(bias, "bias", 6), "bias")
     known_noise = None if noise is None else six_noises(noise)
     arguments.choice(outliers, "outliers", ("trim", "keep"))
     if not 0 < arguments.number(confidence, "confidence") < 1:

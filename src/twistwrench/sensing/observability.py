@@ -12,7 +12,9 @@ from .log import ReadingLog
 from .unknowns import SensorState, Unknowns
 
 MIN_ANGLE = 1e-3
-"""rad: directions of gravity nearer to each other than this count as one."""
+"""Angle below which two directions of gravity count as one [rad]."""
+_GENERIC_LOAD = np.array([1.0, 0.05, 0.08, 0.1, *np.zeros(6)])
+"""Load whose moments depend on every turn: mass [kg], first moments [kg m], moments of inertia [kg m²]."""
 _UNIT_BY_NAME_START = {
     "drift m": "N m/s",
     "drift f": "N/s",
@@ -35,35 +37,38 @@ def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]
     mass +1 kg with bias fz +9.81 N changes no reading: these cannot be distinguished.
     """
     load = None
-    if unknowns.nonlinear_columns.size:  # columns depend on the load: take one whose moments depend on every turn
-        load = np.array([1.0, 0.05, 0.08, 0.1, *np.zeros(6)])
-    A = unknowns.design(log, factor, SensorState(load=load)).reshape(6 * len(log), -1) * unknowns.scales
+    if unknowns.nonlinear_columns.size:  # their columns depend on the load
+        load = _GENERIC_LOAD
+    design = unknowns.design(log, factor, SensorState(load=load))
+    A = design.reshape(6 * len(log), -1) * unknowns.scales
     names = unknowns.names
     # Load first and bias last: each combination is reported as a change of the load that the bias can cancel.
     bias_count = 6 if unknowns.bias else 0
-    order = [*range(bias_count, len(names)), *range(bias_count)]
-    combinations = null_combinations(A[:, order]) * unknowns.scales[order]
-    ordered_names = [names[k] for k in order]
+    load_first = [*range(bias_count, len(names)), *range(bias_count)]
+    combinations = null_combinations(A[:, load_first]) * unknowns.scales[load_first]
+    ordered_names = [names[k] for k in load_first]
     return [_sentence(changes, ordered_names) for changes in combinations]
 
 
 def advice(log: ReadingLog, unknowns: Unknowns) -> str:
-    """Advice on the rotations that the log lacks."""
+    """Sentences on the rotations that the log lacks."""
     directions = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
     centre = directions.mean(axis=0)
     _, singular_values, axes = np.linalg.svd(directions - centre)
     # Root mean square distance from the centre along each axis, largest first; 0 beyond the number of directions.
-    spread = np.concatenate([singular_values, np.zeros(3)])[:3] / np.sqrt(len(directions))
-    if spread[0] < MIN_ANGLE:
+    three_values = np.concatenate([singular_values, np.zeros(3)])[:3]
+    largest_spread, second_spread, _ = three_values / np.sqrt(len(directions))
+    if largest_spread < MIN_ANGLE:
+        mean_direction = _vector_text(centre / np.linalg.norm(centre))
         return (
-            f"In all readings gravity points along ({_vector(centre / np.linalg.norm(centre))}) of the sensor's frame. "
+            f"In all readings gravity points along ({mean_direction}) of the sensor's frame. "
             "Tilt the tool about two different axes between readings, by tens of degrees; `poses` proposes some."
         )
-    if spread[1] < MIN_ANGLE:
+    if second_spread < MIN_ANGLE:
         axis = so3.cross(axes[0], centre)
         about_axis = ""
         if np.linalg.norm(axis) > MIN_ANGLE:  # zero for two opposite directions
-            about_axis = f" about ({_vector(axis / np.linalg.norm(axis))})"
+            about_axis = f" about ({_vector_text(axis / np.linalg.norm(axis))})"
         return (
             f"Gravity takes only two directions in the sensor's frame: the tool was turned{about_axis} only. "
             "Add readings tilted about another axis; `poses` proposes some."
@@ -93,6 +98,6 @@ def _unit(name: str) -> str:
     return next(unit for start, unit in _UNIT_BY_NAME_START.items() if name.startswith(start))
 
 
-def _vector(x: Array) -> str:
-    """Entries with two digits."""
+def _vector_text(x: Array) -> str:
+    """Entries with two digits, separated by commas."""
     return ", ".join(number(entry, 2) for entry in x + 0.0)  # no negative zeros

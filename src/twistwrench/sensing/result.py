@@ -28,11 +28,11 @@ from .sensor import ForceTorqueSensor, sign_factor
 from .uncertainty import Uncertainty, uncertainty_of
 
 _LARGE_SHARE_OF_TRACE = 0.5
-"""Half of an interval of a moment of inertia, as a share of the inertia's trace, from which it is noted."""
+"""Half width of a moment's interval, as a share of the trace of the inertia, from which a note is made."""
 _LARGE_SHARE_OF_MASS = 0.1
-"""Half of the interval of the mass, as a share of the mass, from which it is noted."""
+"""Half width of the mass's interval, as a share of the mass, from which a note is made."""
 _LARGE_OFFSET = 0.01
-"""Half of an interval of the centre of mass [m] from which it is noted."""
+"""Half width of an interval of the centre of mass [m] from which a note is made."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,55 +67,59 @@ class Identification(Answer):
     fit: Fit
     """Least-squares fit, with unknowns, covariance and residuals."""
     rows: Array
-    """Mask (n,) of used rows: dwells, and readings in motion."""
+    """Mask (n,) of the used rows of the fit; a row is a dwell, or a reading in motion."""
     kept: Array
-    """Mask (N,) of used readings; the others are outliers, or lie between dwells."""
+    """Mask (N,) of the used readings of the log; the others are outliers, or lie between dwells."""
     confidence: float
     """Confidence level of intervals and regions, 0 to 1."""
     log: ReadingLog
-    """Readings."""
+    """Log of N readings."""
     doubts: tuple[Doubt, ...] = ()
     """Doubts and notes about units, sign, mounting, poses, readings and intervals."""
     left_out: Array | None = None
-    """Mask (N,) of outliers."""
+    """Mask (N,) of outliers; None if there are none."""
 
     def __repr__(self) -> str:
         com_in_mm = 1e3 * np.asarray(self.sensor.load.com)
         half_widths_in_mm = 1e3 * self._com_half_widths()
-        com = ", ".join(plus_minus(x, half) for x, half in zip(com_in_mm, half_widths_in_mm, strict=True))
-        of_moments, of_forces = self.noise
-        word = f"; {self.verdict.word}, see doubts" if self.doubtful else ""
+        com_texts = map(plus_minus, com_in_mm, half_widths_in_mm)
+        moment_noise, force_noise = self.noise
+        verdict_text = f"; {self.verdict.word}, see doubts" if self.doubtful else ""
         return (
-            f"<Identification: {self.mass_text}, com ({com}) mm, noise {number(of_forces, 2)} N and "
-            f"{number(of_moments, 2)} N m{word}>"
+            f"<Identification: {self.mass_text}, com ({', '.join(com_texts)}) mm, noise {number(force_noise, 2)} N and "
+            f"{number(moment_noise, 2)} N m{verdict_text}>"
         )
 
     @property
     def subject(self) -> str:
-        """File of the log."""
+        """File name of the log, without folders."""
         return Path(self.log.name).name
 
     @property
     def brief(self) -> str:
-        """Mass with half of its confidence interval."""
+        """Mass with the half width of its confidence interval."""
         return self.mass_text
 
     @property
     def verdict(self) -> Verdict:
-        """OK; UNSURE if the intervals may be too narrow; LOOK AGAIN if no number can be trusted."""
+        """UNSURE if intervals may be too narrow, LOOK AGAIN if no number can be trusted, otherwise OK."""
         return verdict_from_doubts(self.doubts)
 
     @property
     def mass_text(self) -> str:
-        """Mass with half of its confidence interval, as text."""
+        """Mass with the half width of its confidence interval, as text."""
+        mass = self.fit.load[0]
         low, high = self.mass_interval
-        mass = plus_minus(self.fit.load[0], (high - low) / 2, "kg")
-        return f"{mass} ({percent(self.confidence, 3)})"
+        mass_with_half_width = plus_minus(mass, (high - low) / 2, "kg")
+        return f"{mass_with_half_width} ({percent(self.confidence, 3)})"
 
     @property
     def outliers(self) -> list[int]:
         """Indices of the rejected readings."""
-        return [] if self.left_out is None else np.flatnonzero(self.left_out).tolist()
+        if self.left_out is None:
+            return []
+        indices = np.flatnonzero(self.left_out)
+        return indices.tolist()
 
     @property
     def doubtful(self) -> bool:
@@ -123,7 +127,7 @@ class Identification(Answer):
         return not self.verdict.ok
 
     def rest(self, log: ReadingLog) -> Array:
-        """Residuals of the readings of its own log, with drift, tilt and delay.
+        """Residuals of all readings of the identification's own log; drift, tilt and delay are part of the fit.
 
         Parameters
         ----------
@@ -160,12 +164,12 @@ class Identification(Answer):
         -------
         facts : {name: text}
         """
-        of_moments, of_forces = self.noise
-        noise = f"{number(of_forces, 2)} N, {number(of_moments, 2)} N m"
-        return {"mass": self.mass_text, "noise of a reading": noise}
+        moment_noise, force_noise = self.noise
+        noise_text = f"{number(force_noise, 2)} N, {number(moment_noise, 2)} N m"
+        return {"mass": self.mass_text, "noise of a reading": noise_text}
 
     def sources(self) -> Mapping[str, str | Path]:
-        """File of the log, if it was read from one.
+        """File of the log; empty if the log was not read from a file.
 
         Returns
         -------
@@ -210,7 +214,7 @@ class Identification(Answer):
 
     @property
     def noise(self) -> tuple[float, float]:
-        """Standard deviation of one reading's moments [N m] and forces [N], root mean square of three channels each."""
+        """Standard deviations of a reading's moments [N m] and of its forces [N]; each is a root mean square of 3 channels."""
         return self.fit.noise
 
     def interval(self, name: str) -> tuple[float, float]:
@@ -243,17 +247,18 @@ class Identification(Answer):
         Source: Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954.
         """
         estimate, C, _ = self._load
-        m = estimate[0]
+        m = estimate[0]  # mass; its row and column in C are the first
         intervals = np.tile([-math.inf, math.inf], (3, 1))
         for axis in range(3):
-            h = estimate[1 + axis]
-            t2 = float(student_quantile(self.fit.com_known[axis], self.confidence)) ** 2
+            h = estimate[1 + axis]  # first moment
+            freedom = self.fit.com_known[axis]
+            t2 = float(student_quantile(freedom, self.confidence)) ** 2
             a = m * m - t2 * C[0, 0]
             if a <= 0:  # the mass may be zero
                 continue
             b = m * h - t2 * C[0, 1 + axis]
             c = h**2 - t2 * C[1 + axis, 1 + axis]
-            root = math.sqrt(max(b * b - a * c, 0.0))
+            root = math.sqrt(max(b * b - a * c, 0.0))  # not below zero by round-off
             intervals[axis] = (b - root) / a, (b + root) / a
         return intervals
 
@@ -263,7 +268,7 @@ class Identification(Answer):
         return (high - low) / 2
 
     def com_region_contains(self, com: ArrayLike) -> bool:
-        """Test if a point is in the joint confidence region of the centre of mass (Fieller's, in three dimensions).
+        """Test if a point is in the joint confidence region of the centre of mass: Fieller's theorem in three dimensions.
 
         Returns
         -------
@@ -275,7 +280,8 @@ class Identification(Answer):
             raise ShapeError(f"com has shape {c.shape}, expected (3,).")
         H = np.hstack([-c[:, None], np.eye(3)])  # H (m, h) = h - m c
         r = H @ estimate
-        return bool(r @ np.linalg.solve(H @ C @ H.T, r) <= self._squared_distance_limit(3))
+        covariance_of_r = H @ C @ H.T
+        return bool(r @ np.linalg.solve(covariance_of_r, r) <= self._squared_distance_limit(3))
 
     def region_contains(self, mass: float, com: ArrayLike) -> bool:
         """Test if a mass and centre of mass are in their joint confidence region, an ellipsoid of (m, m c).
@@ -300,15 +306,16 @@ class Identification(Answer):
 
     @property
     def turn(self) -> Array:
-        """Rotation vector (3,) [rad] of the mounting R_fs; zero if it was not an unknown."""
+        """Rotation vector (3,) [rad] of the mounting R_fs; zero if the mounting was not an unknown."""
         return so3.log(self.fit.mounting)
 
     @property
     def _load(self) -> tuple[Array, Array, Array]:
-        """Mass m and first moment h (4,), their covariance, and their covariance for joint regions."""
+        """Estimate (4,) of mass m and first moment h, its covariance, and its covariance for joint regions; (4, 4) each."""
         start = self.fit.unknowns.load.start
-        part = slice(start, start + 4)
-        return self.fit.estimate[part], self.fit.covariance[part, part], self.fit.joint[part, part]
+        m_and_h = slice(start, start + 4)
+        estimate = self.fit.estimate[m_and_h]
+        return estimate, self.fit.covariance[m_and_h, m_and_h], self.fit.joint[m_and_h, m_and_h]
 
     def _squared_distance_limit(self, count: int) -> float:
         """Largest squared Mahalanobis distance in a joint region of ``count`` unknowns, by the F distribution."""
@@ -326,21 +333,24 @@ def weakness(found: Identification) -> list[Doubt]:
     if unknowns.inertia:
         trace = float(load.moment_about_com.trace())
         moments = [name for name in unknowns.names if name.startswith("I")]
-        half, name = max((_half_width(found.interval(name)), name) for name in moments)
-        if half > _LARGE_SHARE_OF_TRACE * abs(trace):
-            figures: dict[str, Any] = {"half": number(half, 2), "trace": number(trace, 2)}
+        half_width, name = max((_half_width(found.interval(name)), name) for name in moments)
+        if half_width > _LARGE_SHARE_OF_TRACE * abs(trace):
+            figures: dict[str, Any] = {"half": number(half_width, 2), "trace": number(trace, 2)}
             return [doubt("sensor-weak-inertia", name=name, confidence=confidence, **figures)]
-    mass_half = _half_width(found.mass_interval)
-    com_halves = found._com_half_widths()
-    widest = int(com_halves.argmax())
-    if mass_half < _LARGE_SHARE_OF_MASS * load.mass and com_halves[widest] < _LARGE_OFFSET:
+    mass_half_width = _half_width(found.mass_interval)
+    com_half_widths = found._com_half_widths()
+    widest_axis = int(com_half_widths.argmax())
+    com_half_width = com_half_widths[widest_axis]
+    is_mass_known = mass_half_width < _LARGE_SHARE_OF_MASS * load.mass
+    if is_mass_known and com_half_width < _LARGE_OFFSET:
         return []
-    mass = number(mass_half, 2)
-    out = number(1e3 * com_halves[widest], 2)
-    return [doubt("sensor-weak-load", axis="xyz"[widest], confidence=confidence, mass=mass, out=out)]
+    mass_text = number(mass_half_width, 2)
+    com_text = number(1e3 * com_half_width, 2)  # mm
+    return [doubt("sensor-weak-load", axis="xyz"[widest_axis], confidence=confidence, mass=mass_text, out=com_text)]
 
 
 def _half_width(interval: tuple[float, float]) -> float:
+    """Half the distance between the ends of an interval."""
     return float(np.ptp(interval)) / 2
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from ..core.typing import Array
 from .log import ReadingLog
 
-_DIRECTION_TOLERANCE = (2e-3, 5e-2)
-"""rad: smallest and largest tolerance on gravity's direction within a dwell."""
+_MIN_TOLERANCE = 2e-3
+_MAX_TOLERANCE = 5e-2
+"""Bounds of the tolerance on gravity's direction within a dwell [rad]."""
 TOLERANCE_IN_STEPS = 5.0
 """Tolerance between these bounds, in median steps between readings."""
 MAX_TOLERANCE_OF_SPREAD = 0.1
@@ -19,16 +20,16 @@ MAX_TOLERANCE_OF_SPREAD = 0.1
 MIN_READINGS_OF_DWELL = 5
 """Smallest number of readings of a dwell in a log with motion."""
 _REST_LIMITS = (0.02, 0.01, 0.2, 0.2)
-"""rad/s, m/s, rad/s², m/s²: rates and accelerations below which the sensor is at rest."""
+"""Rates [rad/s, m/s] and accelerations [rad/s², m/s²] below which the sensor is at rest."""
 MAX_COMPARED_DWELLS = 2000
 """Largest number of dwells whose orientations are compared pairwise."""
 _FIRST_WINDOW = 64
-"""Number of readings in which the end of a run is sought first; later windows are twice as long each."""
+"""Number of readings in which the end of a run is sought first; each later window is twice as long."""
 
 
 @dataclass(frozen=True, eq=False)
 class StaticPoses:
-    """Reduced log: one row for each dwell (mean of its readings), and one for each reading in motion."""
+    """Reduced log: a row for each dwell, the mean of its readings, and a row for each reading in motion."""
 
     log: ReadingLog
     """Log of n rows, with times, or indices if no times were logged."""
@@ -39,22 +40,22 @@ class StaticPoses:
     within_freedom: float
     """Degrees of freedom of ``within``."""
     label: Array
-    """Cluster (n,) of each row; rows of a revisited orientation share one."""
+    """Cluster (n,) of each row; rows of a revisited orientation have the same cluster."""
     row: Array
-    """Row (N,) of each reading of the original log; -1 for readings between dwells, which are not used."""
+    """Index of the row (N,) of each reading of the original log; -1 for readings between dwells, which are not used."""
     moving: Array
-    """Mask (n,) of readings in motion."""
+    """Mask (n,) of rows that are readings in motion."""
 
-    def spread(self, kept: Array) -> Array:
+    def spread(self, mask: Array) -> Array:
         """Expand a mask (n,) of rows to a mask (N,) of readings."""
-        return np.asarray(np.where(self.row >= 0, kept[self.row], False))
+        return np.asarray(np.where(self.row >= 0, mask[self.row], False))
 
 
 def static_poses(log: ReadingLog) -> StaticPoses:
     """Static poses of a log: dwells are runs of readings with constant direction of gravity in {f}.
 
     In a log with twists, a dwell has at least five readings at rest; other readings are in motion. In a log without
-    twists, short runs between long ones are taken to be motion between dwells and are left out.
+    twists, short runs between long runs count as motion between dwells and are left out.
 
     >>> still = ReadingLog.from_arrays(np.zeros((6, 6)), gravity=np.repeat([[0, 0, -9.81], [9.81, 0, 0]], 3, axis=0))
     >>> static_poses(still).count.tolist()
@@ -65,12 +66,14 @@ def static_poses(log: ReadingLog) -> StaticPoses:
     at_rest = _rest_mask(log)
     first, end = _constant_direction_runs(directions, tolerance, at_rest)
     length = end - first
-    used = np.ones(len(first), bool)
+    is_used_run = np.ones(len(first), bool)
     is_long = length >= MIN_READINGS_OF_DWELL
-    if log.V is None and length[is_long].sum() > 0.5 * len(log) and is_long.sum() > 2:
-        used = is_long  # short runs are motion between the dwells
-    row = np.repeat(np.where(used, np.cumsum(used) - 1, -1), length)
-    count = length[used].astype(float)
+    has_dwells = length[is_long].sum() > 0.5 * len(log) and is_long.sum() > 2
+    if log.V is None and has_dwells:
+        is_used_run = is_long  # short runs are motion between the dwells
+    row_of_run = np.where(is_used_run, np.cumsum(is_used_run) - 1, -1)
+    row = np.repeat(row_of_run, length)
+    count = length[is_used_run].astype(float)
     averages = {"time": _row_means(log.clock, row, count)}
     for name in ("readings", "gravity", "V", "dV", "rotations"):
         averages[name] = _row_means(getattr(log, name), row, count)
@@ -81,7 +84,7 @@ def static_poses(log: ReadingLog) -> StaticPoses:
     within = np.zeros(6)
     if freedom:
         within = (deviations**2).sum(axis=0) / freedom
-    moving = ~at_rest[first][used]
+    moving = ~at_rest[first][is_used_run]
     label = _orientation_labels(reduced, tolerance, moving)
     return StaticPoses(reduced, count, within, freedom, label, row, moving)
 
@@ -90,17 +93,18 @@ def _direction_tolerance(directions: Array) -> float:
     """Tolerance [rad] for equal directions (n, 3): a few median steps, far below the spread of the directions."""
     if len(directions) < 2:
         return 0.0
-    least, largest = _DIRECTION_TOLERANCE
-    step = float(np.median(_lengths(np.diff(directions, axis=0))))
+    usual_step = float(np.median(_lengths(np.diff(directions, axis=0))))
     spread = float(_lengths(directions - directions.mean(axis=0)).max())
-    return float(min(max(TOLERANCE_IN_STEPS * step, least), largest, MAX_TOLERANCE_OF_SPREAD * spread))
+    tolerance = max(TOLERANCE_IN_STEPS * usual_step, _MIN_TOLERANCE)
+    return float(min(tolerance, _MAX_TOLERANCE, MAX_TOLERANCE_OF_SPREAD * spread))
 
 
 def _rest_mask(log: ReadingLog) -> Array:
-    """Mask (n,) of readings in runs at rest that are long enough; all True for a log without twists."""
+    """Mask (n,) of readings in runs at rest that are long enough for a dwell; all True for a log without twists."""
     if log.V is None or log.dV is None:
         return np.ones(len(log), bool)
-    rates = _lengths(np.concatenate([log.V, log.dV], axis=1).reshape(-1, 4, 3))  # in the order of the limits
+    four_vectors = np.concatenate([log.V, log.dV], axis=1).reshape(-1, 4, 3)  # in the order of the limits
+    rates = _lengths(four_vectors)
     is_slow = np.asarray((rates < _REST_LIMITS).all(axis=1))
     for first, last in runs(is_slow):
         is_slow[first : last + 1] = last + 1 - first >= MIN_READINGS_OF_DWELL
@@ -108,7 +112,7 @@ def _rest_mask(log: ReadingLog) -> Array:
 
 
 def _constant_direction_runs(directions: Array, tolerance: float, at_rest: Array) -> tuple[Array, Array]:
-    """First index and end index of each run of constant gravity direction; each reading in motion is a separate run."""
+    """First index and end index (after the last) of each run of constant gravity direction; a reading in motion is a run."""
     edges = [0]
     n = len(directions)
     start = 0
@@ -131,21 +135,22 @@ def _constant_direction_runs(directions: Array, tolerance: float, at_rest: Array
 
 
 def _row_means(values: Array | None, row: Array, count: Array) -> Any:
-    """Means (n, ...) of values (N, ...) over the readings of each row, of which there are ``count`` (n,).
+    """Means (n, ...) of values (N, ...) over the readings of each row; ``count`` (n,) is the number of readings.
 
-    Means of all quantities of a log belong together, since readings at rest depend linearly on them.
+    Means may be used instead of readings, since readings at rest depend linearly on all quantities of a log.
     """
     if values is None:
         return None
     if len(count) == len(values):
         return values
     total = np.zeros((len(count), *values.shape[1:]))
-    np.add.at(total, row[row >= 0], values[row >= 0])
+    is_used = row >= 0
+    np.add.at(total, row[is_used], values[is_used])
     return total / count.reshape(-1, *[1] * (values.ndim - 1))
 
 
 def _orientation_labels(log: ReadingLog, tolerance: float, moving: Array) -> Array:
-    """Cluster (n,) of each row: the index of the first row in the same orientation; a row in motion is a cluster of its own."""
+    """Cluster (n,) of each row: the index of the first row in this orientation; a row in motion is a cluster by itself."""
     n = len(log)
     if n > MAX_COMPARED_DWELLS or moving.all():
         return np.arange(n)
@@ -155,9 +160,10 @@ def _orientation_labels(log: ReadingLog, tolerance: float, moving: Array) -> Arr
     label = np.arange(n)
     is_first = np.zeros(n, bool)
     for k in np.flatnonzero(~moving).tolist():
-        same = np.flatnonzero(is_first & (_lengths(orientations - orientations[k]) <= tolerance))
-        if same.size:
-            label[k] = int(same[0])
+        is_near = _lengths(orientations - orientations[k]) <= tolerance
+        same_orientation = np.flatnonzero(is_first & is_near)
+        if same_orientation.size:
+            label[k] = int(same_orientation[0])
         else:
             is_first[k] = True
     return label
@@ -170,5 +176,6 @@ def _lengths(vectors: Array) -> Array:
 
 def runs(mask: Array) -> list[tuple[int, int]]:
     """First and last index of each run of true values in ``mask`` (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))  # first and end of each run in turn
+    padded = np.concatenate([[0], mask.astype(int), [0]])
+    edges = np.flatnonzero(np.diff(padded))  # first and end of each run in turn
     return [(int(first), int(end) - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]

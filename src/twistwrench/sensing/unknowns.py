@@ -26,7 +26,7 @@ _NAMES_BY_KIND = {
 MAX_DELAY = 0.5
 """Longest delay [s] that is tried."""
 _SCALE_BY_KIND = {"bias": 1.0, "load": 1.0, "inertia": 0.1, "turn": 0.1, "drift": 1.0, "tilt": 0.1, "delay": 0.1}
-"""Typical size of each unknown, in its SI unit."""
+"""Typical size of the unknowns of each kind, in their SI units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,11 @@ class SensorState:
     """Values of the unknowns on which readings depend nonlinearly."""
 
     mounting: Array = field(default_factory=lambda: np.eye(3))
-    """R_fs (3, 3)."""
+    """Rotation R_fs (3, 3)."""
     tilt: Array = field(default_factory=lambda: np.eye(3))
     """Rotation (3, 3) from the given to the actual gravity, in {w}."""
     delay: float = 0.0
-    """Delay of readings after the poses of the same row [s]."""
+    """Delay of the reading in a row after the pose in this row [s]."""
     load: Array | None = None
     """Parameters (10,) of the load; None until they are estimated."""
     middle: float | None = None
@@ -47,7 +47,7 @@ class SensorState:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Unknowns of a fit: bias unless known, mass and first moment always, others if requested.
+    """Unknowns of a fit: mass and first moment always, the bias unless it is known, others if requested.
 
     ``drift`` is a linear change of the bias, which then refers to the middle of the log. ``tilt`` rotates gravity about
     two level axes of {w}. ``delay`` is the delay of readings after poses.
@@ -62,7 +62,7 @@ class Unknowns:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Groups of unknowns, in the order of their columns."""
+        """Kinds of the unknowns, in the order of their columns."""
         return tuple(kind for kind in _NAMES_BY_KIND if kind == "load" or getattr(self, kind))
 
     @property
@@ -72,12 +72,12 @@ class Unknowns:
 
     @property
     def scales(self) -> Array:
-        """Typical size (p,) of each unknown, to make them comparable."""
+        """Typical sizes (p,) of the unknowns, which make these comparable."""
         return np.concatenate([np.full(len(_NAMES_BY_KIND[kind]), _SCALE_BY_KIND[kind]) for kind in self.kinds])
 
     @property
     def load(self) -> slice:
-        """Columns of mass, first moment (and inertia)."""
+        """Columns of mass and first moment, and of the inertia if it is unknown."""
         start = 6 if self.bias else 0
         count = 10 if self.inertia else 4
         return slice(start, start + count)
@@ -88,12 +88,12 @@ class Unknowns:
         columns: list[int] = []
         for kind in ("turn", "tilt", "delay"):
             if getattr(self, kind):
-                part = self.part(kind)
-                columns += range(part.start, part.stop)
+                kind_columns = self.part(kind)
+                columns += range(kind_columns.start, kind_columns.stop)
         return np.array(columns, int)
 
     def part(self, kind: str) -> slice:
-        """Columns of the unknowns of one group."""
+        """Columns of the unknowns of one kind."""
         earlier_kinds = self.kinds[: self.kinds.index(kind)]
         start = sum(len(_NAMES_BY_KIND[earlier_kind]) for earlier_kind in earlier_kinds)
         return slice(start, start + len(_NAMES_BY_KIND[kind]))
@@ -101,11 +101,11 @@ class Unknowns:
     def design(self, log: ReadingLog, factor: float, state: SensorState) -> Array:
         """Design matrix A (n, 6, p) of the readings; columns of turn, tilt and delay are zero without a load."""
         load = np.zeros(10) if state.load is None else state.load
-        R, world = _world_gravity(log)
-        world = world @ state.tilt.T
+        R, world_gravity = _world_gravity(log)
+        world_gravity = world_gravity @ state.tilt.T
         gravity = log.gravity
         if self.tilt:
-            gravity = (R @ world[..., None])[..., 0]
+            gravity = (R @ world_gravity[..., None])[..., 0]
         Y = factor * load_regressor(gravity, log.V, log.dV)
         columns: dict[str, Array] = {}
         if self.delay:  # F(t - d) changes by -Ḟ
@@ -132,15 +132,16 @@ class Unknowns:
         if self.tilt:  # g = R' exp([δ]) g_w: it changes by R' (δ × g_w)
             changes = []
             for axis in level_axes(log):
-                dg = (R @ so3.cross(axis, world)[..., None])[..., 0]
+                world_change = so3.cross(axis, world_gravity)
+                dg = (R @ world_change[..., None])[..., 0]
                 changes.append(factor * load_regressor(dg) @ load)
             columns["tilt"] = _to_sensor_axes(np.stack(changes, axis=-1), state.mounting)
         return np.concatenate([columns[kind] for kind in self.kinds], axis=-1)
 
     def next_state(self, state: SensorState, log: ReadingLog, x: Array) -> SensorState:
         """State after a Gauss-Newton step x (p,)."""
-        estimated = x[self.load]
-        load = np.concatenate([estimated, np.zeros(10 - len(estimated))])
+        estimated_load = x[self.load]
+        load = np.concatenate([estimated_load, np.zeros(10 - len(estimated_load))])
         mounting, tilt, delay = state.mounting, state.tilt, state.delay
         if self.turn:
             mounting = mounting @ so3.exp(x[self.part("turn")])
@@ -153,9 +154,9 @@ class Unknowns:
 
 
 def level_axes(log: ReadingLog) -> Array:
-    """The two most level axes of {w} (2, 3), about which a base may be tilted."""
+    """The two most level coordinate axes of {w}, (2, 3), about which a base may be tilted."""
     _, gravity = _world_gravity(log)
-    most_level = np.argsort(np.abs(gravity[0]))[:2]
+    most_level = np.argsort(np.abs(gravity[0]))[:2]  # with the smallest components of gravity
     return np.eye(3)[np.sort(most_level)]
 
 
@@ -164,9 +165,12 @@ def _world_gravity(log: ReadingLog) -> tuple[Array, Array]:
     R_wf = log.rotations
     if R_wf is None:
         R_wf = np.broadcast_to(np.eye(3), (len(log), 3, 3))
-    return np.swapaxes(R_wf, 1, 2), np.asarray((R_wf @ log.gravity[..., None])[..., 0])
+    world_gravity = (R_wf @ log.gravity[..., None])[..., 0]
+    return np.swapaxes(R_wf, 1, 2), np.asarray(world_gravity)
 
 
 def _to_sensor_axes(Y: Array, mounting: Array) -> Array:
     """Transform columns of wrenches (n, 6, k) from {f} to the sensor's axes: F_s = R_fs' F_f."""
-    return np.concatenate([mounting.T @ Y[:, :3], mounting.T @ Y[:, 3:]], axis=1)
+    moments = mounting.T @ Y[:, :3]
+    forces = mounting.T @ Y[:, 3:]
+    return np.concatenate([moments, forces], axis=1)

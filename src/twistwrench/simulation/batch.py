@@ -27,9 +27,13 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
+_MAX_LISTED_REMARKS = 3
+"""Largest number of remarks in the text of a batch."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulationBatch:
-    """Simulations from a batch of states, each of its own length. Printing it shows how many reached the end."""
+    """Simulations from a batch of states; simulations may end at different times. Its text has the number that completed."""
 
     results: tuple[SimulationResult, ...]
     """One result for each state, in the order of the flattened batch."""
@@ -66,15 +70,16 @@ class SimulationBatch:
         completed_count = int(self.completed.sum())
         parts = [f"{len(self)} simulations, {completed_count} reached the end"]
         if completed_count < len(self):
-            k = int(np.argmin(self.completed.ravel()))
-            index = ", ".join(map(str, np.unravel_index(k, self.shape))) if self.shape else ""
-            parts.append(f"the first of the others, [{index}]: {self.results[k].stopped}")
-        drift = np.max([result.relative_drift for result in self.results])
-        parts.append(f"drift of energy at most {residual(drift)}")
-        remarks: dict[str, None] = {}  # each remark once, in the order of the results
+            k = int(np.argmin(self.completed.ravel()))  # the first that did not
+            indices = np.unravel_index(k, self.shape) if self.shape else ()
+            index_text = ", ".join(map(str, indices))
+            parts.append(f"the first of the others, [{index_text}]: {self.results[k].stopped}")
+        largest_drift = np.max([result.relative_drift for result in self.results])
+        parts.append(f"drift of energy at most {residual(largest_drift)}")
+        distinct_remarks: dict[str, None] = {}  # in the order of the results
         for result in self.results:
-            remarks |= dict.fromkeys(result.remarks)
-        parts += [f"note: {remark}" for remark in list(remarks)[:3]]
+            distinct_remarks |= dict.fromkeys(result.remarks)
+        parts += [f"note: {remark}" for remark in list(distinct_remarks)[:_MAX_LISTED_REMARKS]]
         return f"<SimulationBatch of {first.robot!r}, {first.method}: {'; '.join(parts)}>"
 
 
@@ -111,7 +116,7 @@ def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch
 
 
 def _starts(robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None) -> tuple[Array, Array, tuple[int, ...]]:
-    """Configurations (n, nq) and velocities (n, nv) of all simulations, and the shape of the batch."""
+    """Initial configurations (n, nq) and velocities (n, nv) of all simulations, and the shape of the batch."""
     q, dq = robot.neutral, np.zeros(robot.nv)
     if q0 is not None:
         q = arguments.finite(q0, "q0", robot.nq, names=robot.coordinate_names)
@@ -127,9 +132,9 @@ def _starts(robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None) -> tuple[
 
 
 def _advance_together(runs: list[Run]) -> None:
-    """Take the steps of all runs side by side in compiled code. A run that ends or becomes unstable leaves the others.
+    """Take the steps of all runs side by side in compiled code, until each run ends or becomes unstable.
 
-    Runs that cannot be advanced so stay as they are; each then continues alone.
+    Runs that cannot be advanced together are not changed; each then continues alone.
     """
     if len(runs) < 2:
         return
@@ -145,18 +150,21 @@ def _advance_together(runs: list[Run]) -> None:
         run.begin()
     if not running:
         return
-    batched_steps = running[0][1].side_by_side()
+    _, first_steps = running[0]
+    batched_steps = first_steps.side_by_side()
     while running:
-        remaining = first.n - running[0][0].steps
-        if not remaining:
+        any_run, _ = running[0]  # all have taken as many steps
+        remaining_steps = first.n - any_run.steps
+        if not remaining_steps:
             return
         evaluations = first.system.evaluations
         inputs = [steps.inputs() for _, steps in running]
         stacked_inputs = [np.array(values) for values in zip(*inputs, strict=True)]
         states = np.array([run.last[1] for run, _ in running])
-        block_size = min(max(1, batched_steps.most // len(running)), remaining)
+        max_steps = max(1, batched_steps.most // len(running))
+        block_size = min(max_steps, remaining_steps)
         results = batched_steps.advance_with(states, block_size, first.h, stacked_inputs)
-        first.system.evaluations = evaluations  # use_block counts those of each run
+        first.system.evaluations = evaluations  # use_block counts the evaluations of each run
         still_running = []
         for (run, steps), *own_results in zip(running, *results, strict=True):
             if use_block(run, steps, *own_results):

@@ -35,14 +35,15 @@ from .methods.tableaus import EULER, RK4, Tableau
 from .torque_laws import GivenTorque, TorqueLaw
 
 TABLEAUS = {"euler": EULER, "rk4": RK4}
-"""Methods in which each stage depends only on the previous one."""
+"""Tableaus by method: only methods in which each stage depends on no stage but the previous one."""
 COMPILED_METHODS = ("semi_implicit", *TABLEAUS)
 """Methods with compiled steps, by their names in simulations."""
 
 Ports = list[tuple[str, tuple[int, ...]]]
+"""Names and shapes of the inputs or outputs of a program."""
 
-_WEIGHT_OF_REST = 1e-30
-"""Weight of coordinates and works in the peak of a state."""
+_WEIGHT_OF_POSITIONS_AND_WORKS = 1e-30
+"""Weight of squared coordinates and works in the peak of a state, so small that only their NaN shows in it."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +62,13 @@ class StepPlan:
     frames: tuple[str, ...] = ()
     """Frames at which wrenches act on the robot."""
     parameters: tuple[str, ...] = ()
+    """Names of the model parameters that are inputs of a step."""
     friction: bool = False
+    """True if friction acts on the joints."""
     returns_torques: bool = False
+    """True if a step also returns the applied torques."""
     works: bool = False
-    """True in simulations."""
+    """True if works are integrated, as in simulations."""
     contacts: tuple[RobotContact, ...] = ()
 
     @classmethod
@@ -80,7 +84,8 @@ class StepPlan:
         """Cache key: plans of one robot with equal keys share a program."""
         options = self.method, self.limited, self.frames, self.parameters, self.friction, self.returns_torques
         contacts = tuple(contact.key for contact in self.contacts)
-        return "simulated step" if self.works else "rollout", *self.law.key, *options, contacts
+        kind = "simulated step" if self.works else "rollout"
+        return kind, *self.law.key, *options, contacts
 
     @property
     def state(self) -> Ports:
@@ -92,7 +97,7 @@ class StepPlan:
 
     @property
     def _state_names(self) -> list[str]:
-        """Names of the outputs that are the next state, and of its peak in simulations."""
+        """Names of the outputs with the next state; in simulations its peak comes last."""
         names = [name for name, _ in self.state]
         if self.works:
             names.append("peak")
@@ -110,10 +115,12 @@ class StepPlan:
 
     @property
     def inputs(self) -> Ports:
-        """Names and shapes of the inputs of each step, in the kernel's order: those of contacts last."""
+        """Names and shapes of the inputs of each step, in the kernel's order; inputs of contacts come last."""
         nq, nv = self.model.nq, self.model.nv
         ports: Ports = [("dt", ())]
-        ports += [(name, (nq if name == "q_des" else nv,)) for name in self.law.names]
+        for name in self.law.names:
+            size = nq if name == "q_des" else nv
+            ports.append((name, (size,)))
         if self.limited:
             ports.append(("torque limits", (nv,)))
         ports += [(f"wrench at {frame}", (6,)) for frame in self.frames]
@@ -127,43 +134,52 @@ class StepPlan:
         return ports
 
     def recurrence(self) -> Scan:
-        """Loop over whole steps. In simulations a peak, arbitrary at first, follows the state: see :meth:`_with_peak`."""
+        """Loop over whole steps. In simulations the state ends with its peak: see :meth:`_with_peak`."""
+        visible = len(self._state_names)
         if self.method in TABLEAUS:
             program, sources = self._trace_stage()
-            table, hidden = stages(TABLEAUS[self.method]), len(self.state)
-            return Scan(program, sources, visible=len(self.state) + self.works, hidden=hidden, table=table)
-        ports = [("angles", self.state[0][1]), *self.state, *self.inputs]
+            sums = len(self.state)  # sums of weighted rates, from stage to stage
+            return Scan(program, sources, visible=visible, hidden=sums, table=stages(TABLEAUS[self.method]))
+        ports = [self._angle_port, *self.state, *self.inputs]
         program = trace(self._semi_implicit, ports, [*self._state_names, *self._reports])
         sources = (*self._state_sources, *[Source("given")] * len(self.inputs))
-        return Scan(program, sources, visible=len(self.state) + self.works)
+        return Scan(program, sources, visible=visible)
 
     def one_stage(self) -> Scan:
         """Loop over Runge–Kutta stages: sums are states; start of the step and row of the tableau are inputs."""
         program, stage_sources = self._trace_stage()
         sources = [source if source.kind == "state" else Source("given") for source in stage_sources]
-        return Scan(program, tuple(sources), visible=2 * len(self.state) + self.works)
+        sums = len(self.state)
+        return Scan(program, tuple(sources), visible=len(self._state_names) + sums)
 
     def _trace_stage(self) -> tuple[Program, tuple[Source, ...]]:
         """Program of a stage, and the sources of its inputs."""
-        state, n = self.state, len(self.state)
-        start: Ports = [(f"{name} at start", shape) for name, shape in state]
-        sums: Ports = [(f"{name} sum", shape) for name, shape in state]
-        ports: Ports = [("angles", state[0][1]), *state, *start, *sums, ("stage", (5,)), *self.inputs]
+        n = len(self.state)
+        starts: Ports = [(f"{name} at start", shape) for name, shape in self.state]
+        sums: Ports = [(f"{name} sum", shape) for name, shape in self.state]
+        tableau_row = ("stage", (5,))
+        ports: Ports = [self._angle_port, *self.state, *starts, *sums, tableau_row, *self.inputs]
+        first_sum = len(self._state_names)  # among the outputs
         sources = [*self._state_sources]
         sources += [Source("start", k) for k in range(n)]
-        sources += [Source("state", n + self.works + k) for k in range(n)]
+        sources += [Source("state", first_sum + k) for k in range(n)]
         sources += [Source("stage"), *[Source("given")] * len(self.inputs)]
         names = [*self._state_names, *dict(sums), *self._reports]
         return trace(self._stage, ports, names), tuple(sources)
 
     @property
+    def _angle_port(self) -> tuple[str, tuple[int, ...]]:
+        """Input of the angles, which has the shape of q."""
+        return "angles", (self.model.nq,)
+
+    @property
     def _state_sources(self) -> list[Source]:
-        """Sources of the state of a program: angles and coordinates are one array."""
+        """Sources of angles and state of a program: angles and q are the same array."""
         return [Source("state", 0), *(Source("state", k) for k in range(len(self.state)))]
 
     @property
     def _reports(self) -> list[str]:
-        """Names of the outputs at the start of a step."""
+        """Names of the outputs that are evaluated at the start of a step."""
         names = []
         if self.works:
             names.append("ddq")
@@ -174,96 +190,115 @@ class StepPlan:
         return names
 
     def step(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
-        """State of a rollout after a step with all its stages, and the applied torques if requested."""
+        """State (q, dq) of a rollout after a step with all its stages; then the torques at its start, if requested.
+
+        ``given`` are the inputs of the step after its length h.
+        """
         if self.method == "semi_implicit":
             return self._semi_implicit(angles, q, dq, h, *given)
-        results: tuple[Array, ...] = q, dq, zeros(self.model.nq), zeros(self.model.nv)
+        state: tuple[Array, ...] = q, dq
+        sums: tuple[Array, ...] = zeros(self.model.nq), zeros(self.model.nv)
         torques: list[Array] = []
         for row in stages(RK4):
-            state, sums = results[:2], results[2:4]
             results = self._stage(angles, *state, q, dq, *sums, np.array(row), h, *given)
-            angles = results[0]
-            torques += results[4:]
-        return (*results[:2], *torques[:1])
+            state, sums, reports = results[:2], results[2:4], results[4:]
+            angles = state[0]
+            torques += reports
+        return (*state, *torques[:1])
 
-    def _semi_implicit(self, angles: Array, q: Array, dq: Array, *rest: Any) -> tuple[Array, ...]:
+    def _semi_implicit(self, angles: Array, q: Array, dq: Array, *work_and_inputs: Any) -> tuple[Array, ...]:
         """dq1 by :func:`~twistwrench.mechanics.algorithms.contact.velocity_step`, then q1 = q ⊕ h dq1.
 
-        With friction, dq1 is that at the midpoint qm = q ⊕ ½ h dq, and q1 = qm ⊕ ½ h dq1; works use mean velocities.
+        With friction, dq1 is evaluated at the midpoint qm = q ⊕ ½ h dq, and q1 = qm ⊕ ½ h dq1. Works use mean velocities.
         """
-        work, (h, *given) = rest[: self.works], rest[self.works :]
+        work, (h, *given) = work_and_inputs[: self.works], work_and_inputs[self.works :]
         known, plant, inputs = self._models(given)
         references = [inputs[name] for name in self.law.names]
         if hasattr(self.law, "torques_of_step"):
             tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *references)
         else:  # laws of the caller are used unchanged
             tau, gains = self.law.torques(known, angles, q, dq, *references), None
-        push, gaps = self._contact_torques(plant, angles, dq, inputs)
-        middle, start, share = angles, q, h
+        contact_torques, gaps = self._contact_torques(plant, angles, dq, inputs)
+        middle, start, duration = angles, q, h
         if self.friction:
             middle = start = integration.halfway(self.model, q, h * dq, angles)
-            share = 0.5 * h
+            duration = 0.5 * h
         if self.works and not self.friction:
-            ddq = self._accelerations(plant, angles, dq, _add_push(tau, push), inputs)
-            dq1, mean, lost = dq + h * ddq, dq, zeros(plant.nv)
+            ddq = self._accelerations(plant, angles, dq, _add_contacts(tau, contact_torques), inputs)
+            dq1, mean, friction_torques = dq + h * ddq, dq, zeros(plant.nv)
         else:
-            dq1, tau, lost = velocity_step(
+            dq1, tau, friction_torques = velocity_step(
                 plant, middle, dq, h, tau, gains=gains, limits=inputs.get("torque limits"),
-                friction=self.friction, push=push, wrenches=self._robot_wrenches(inputs),
+                friction=self.friction, push=contact_torques, wrenches=self._robot_wrenches(inputs),
             )  # fmt: skip
             ddq, mean = (dq1 - dq) / h, 0.5 * (dq + dq1)
-        q1, reports = integration.add_at_angles(self.model, start, share * dq1, middle), [tau] * self.returns_torques
-        if not work:
-            return q1, dq1, *reports
-        powers = self._powers(plant, middle, mean, tau, lost, inputs, push)
-        return *self._with_peak(q1, dq1, work[0] + h * powers), ddq, *gaps, *reports
+        q1 = integration.add_at_angles(self.model, start, duration * dq1, middle)
+        reported_torques = [tau] * self.returns_torques
+        if not self.works:
+            return q1, dq1, *reported_torques
+        powers = self._powers(plant, middle, mean, tau, friction_torques, inputs, contact_torques)
+        state = self._with_peak(q1, dq1, work[0] + h * powers)
+        return *state, ddq, *gaps, *reported_torques
 
-    def _stage(self, angles: Array, *rest: Any) -> tuple[Array, ...]:
-        """One stage of a Runge–Kutta method, by its row of :func:`stages`."""
+    def _stage(self, angles: Array, *states_and_inputs: Any) -> tuple[Array, ...]:
+        """One stage of a Runge–Kutta method, by its row of :func:`stages`.
+
+        ``states_and_inputs`` are the state, the state at the start of the step, the sums, the row, h and the other inputs.
+        """
         n = len(self.state)
-        (q, dq, *_), start, before, (row, h, *given) = rest[:n], rest[n : 2 * n], rest[2 * n : 3 * n], rest[3 * n :]
-        keep, weight, last, all_of_them, ends = row
+        q, dq = states_and_inputs[:2]
+        start, last_sums = states_and_inputs[n : 2 * n], states_and_inputs[2 * n : 3 * n]
+        row, h, *given = states_and_inputs[3 * n :]
+        keep_sum, weight, rate_factor, sum_factor, is_last = row
         rates, tau, gaps = self._rates(angles, q, dq, given)
-        sums = [keep * total + weight * rate for total, rate in zip(before, rates, strict=True)]
+        sums = [keep_sum * total + weight * rate for total, rate in zip(last_sums, rates, strict=True)]
         after = [
-            x0 + h * (last * rate + all_of_them * total) for x0, rate, total in zip(start, rates, sums, strict=True)
+            x0 + h * (rate_factor * rate + sum_factor * total)
+            for x0, rate, total in zip(start, rates, sums, strict=True)
         ]
-        after = self._with_peak(integration.normalise_quaternions(self.model, after[0], ends), *after[1:])
-        return *after, *sums, *[rates[1]] * self.works, *gaps, *[tau] * self.returns_torques
+        q_after = integration.normalise_quaternions(self.model, after[0], is_last)
+        state = self._with_peak(q_after, *after[1:])
+        accelerations = [rates[1]] * self.works
+        return *state, *sums, *accelerations, *gaps, *[tau] * self.returns_torques
 
     def _with_peak(self, q: Array, dq: Array, *work: Array) -> list[Any]:
-        """State and, in simulations, its peak: squared velocities plus tiny multiples of the rest, NaN if any entry is."""
+        """State; in simulations followed by its peak.
+
+        The peak is the sum of squared velocities. Tiny multiples of the other squares make it NaN if any entry is NaN.
+        """
         if not work:
             return [q, dq]
-        peak = dq @ dq + _WEIGHT_OF_REST * (q @ q + work[0] @ work[0])
+        peak = dq @ dq + _WEIGHT_OF_POSITIONS_AND_WORKS * (q @ q + work[0] @ work[0])
         return [q, dq, work[0], peak]
 
     def _rates(
         self, angles: Array, q: Array, dq: Array, given: Sequence[Array]
     ) -> tuple[list[Array], Array, tuple[Array, ...]]:
-        """Rates of the state with smoothed dry friction, torques, and gaps of contacts, if any."""
+        """Rates of the state with smoothed dry friction; torques of the law; gaps of contacts in a tuple, empty without."""
         known, plant, inputs = self._models(given)
         tau = self.law.torques(known, angles, q, dq, *(inputs[name] for name in self.law.names))
         if self.limited:
             tau = clip_torques(tau, inputs["torque limits"])
-        force = tau
-        push, gaps = self._contact_torques(plant, angles, dq, inputs)
+        tau_past_friction = tau
+        contact_torques, gaps = self._contact_torques(plant, angles, dq, inputs)
         if self.friction:
-            force = torque_past_eased_friction(
-                plant, dq, tau, sliding_share(motor_velocities(plant, dq), inputs["creep"])
-            )
-        ddq = self._accelerations(plant, angles, dq, _add_push(force, push), inputs)
+            sliding = sliding_share(motor_velocities(plant, dq), inputs["creep"])
+            tau_past_friction = torque_past_eased_friction(plant, dq, tau, sliding)
+        ddq = self._accelerations(plant, angles, dq, _add_contacts(tau_past_friction, contact_torques), inputs)
         rates = [integration.coordinate_rates(self.model, angles) @ dq, ddq]
         if self.works:
-            rates.append(self._powers(plant, angles, dq, tau, force - tau, inputs, push))
+            friction_torques = tau_past_friction - tau
+            rates.append(self._powers(plant, angles, dq, tau, friction_torques, inputs, contact_torques))
         return rates, tau, gaps
 
-    def _accelerations(self, plant: Model, angles: Array, dq: Array, force: Array, inputs: dict[str, Array]) -> Array:
-        return forward_dynamics(plant, angles, dq, force, wrenches=self._robot_wrenches(inputs))
+    def _accelerations(self, plant: Model, angles: Array, dq: Array, tau: Array, inputs: dict[str, Array]) -> Array:
+        """Accelerations (nv,) under joint torques (nv,) and the wrenches of the step."""
+        return forward_dynamics(plant, angles, dq, tau, wrenches=self._robot_wrenches(inputs))
 
     def _models(self, given: Sequence[Array]) -> tuple[Model, Model, dict[str, Array]]:
         """Model in the control law, model of the plant, and the inputs of the step by name."""
-        inputs = dict(zip(dict(self.inputs[1:]), given, strict=True))
+        names = [name for name, _ in self.inputs[1:]]  # without dt
+        inputs = dict(zip(names, given, strict=True))
         known = regrouped(self.model)
         plant = self.model if moves_joints(self.model, self.parameters) else known
         if self.parameters:
@@ -271,69 +306,76 @@ class StepPlan:
         return known, plant, inputs
 
     def _robot_wrenches(self, inputs: dict[str, Array]) -> dict[str, Array] | None:
-        """Wrenches applied by the robot."""
+        """Wrenches that the robot applies, by frame; None without frames."""
         return {frame: -inputs[f"wrench at {frame}"] for frame in self.frames} or None
 
     def _contact_torques(
         self, plant: Model, angles: Array, dq: Array, inputs: dict[str, Array]
     ) -> tuple[Array | None, tuple[Array, ...]]:
-        """Contact torques (nv,) and the gap of each contact; empty without contacts."""
+        """Sum of the contact torques (nv,), and a tuple of the gaps of all contacts; None and () without contacts."""
         if not self.contacts:
             return None, ()
-        push, gaps = zeros(plant.nv), zeros(len(self.contacts))
+        contact_torques, gaps = zeros(plant.nv), zeros(len(self.contacts))
         for k, contact in enumerate(self.contacts):
             numbers = [inputs[f"{name} of contact {k}"] for name in contact.numbers]
             tau, depths = contact.symbolic_torques(plant, angles, dq, *numbers)
-            push, gaps[k] = push + tau, -largest(depths)
-        return push, (gaps,)
+            contact_torques = contact_torques + tau
+            gaps[k] = -largest(depths)
+        return contact_torques, (gaps,)
 
     def _powers(
         self,
         plant: Model,
-        at: Array,
+        angles: Array,
         dq: Array,
         tau: Array,
-        lost: Array,
+        friction_torques: Array,
         inputs: dict[str, Array],
-        push: Array | None,
+        contact_torques: Array | None,
     ) -> Array:
-        """Powers of torques, friction, wrenches and contacts, in the order of :data:`.forces.WORKS`, (4,)."""
+        """Powers (4,) of torques, friction, wrenches and contacts: the order of :data:`.forces.WORKS`."""
         powers = zeros(len(WORKS))
-        powers[0], powers[1] = tau @ dq, lost @ dq
+        powers[0] = tau @ dq
+        powers[1] = friction_torques @ dq
         for frame in self.frames:
-            powers[2] = powers[2] + integration.wrench_torques(plant, at, inputs[f"wrench at {frame}"], frame) @ dq
-        if push is not None:
-            powers[3] = push @ dq
+            wrench_torques = integration.wrench_torques(plant, angles, inputs[f"wrench at {frame}"], frame)
+            powers[2] = powers[2] + wrench_torques @ dq
+        if contact_torques is not None:
+            powers[3] = contact_torques @ dq
         return np.asarray(powers)
 
 
-def _add_push(force: Array, push: Array | None) -> Array:
-    """Joint torques plus those of contacts, if any."""
-    return force if push is None else force + push
+def _add_contacts(tau: Array, contact_torques: Array | None) -> Array:
+    """Joint torques plus contact torques, if there are contacts."""
+    return tau if contact_torques is None else tau + contact_torques
 
 
 def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:
-    """A row for each stage of a method in which each stage depends only on the previous one.
+    """A row of five numbers for each stage of a method of :data:`TABLEAUS`.
 
-    Entries: 1 if the sum of weighted rates is kept; the weight; the factors of this rate and of the sum from the start
-    of the step to the next stage; 1 if the step ends there.
+    - 1 if the sum of weighted rates is kept, 0 if it starts anew
+    - weight of the rate of this stage in the sum
+    - factor of this rate in the step from the start to the next stage
+    - factor of the sum in that step
+    - 1 if the step ends there
     """
     a, b, _, _, _ = tableau.numbers
     last = len(b) - 1
     rows = [(float(i > 0), float(b[i]), float(a[i + 1][i]), 0.0, 0.0) for i in range(last)]
-    return (*rows, (float(last > 0), float(b[last]), 0.0, 1.0, 1.0))
+    last_row = (float(last > 0), float(b[last]), 0.0, 1.0, 1.0)
+    return (*rows, last_row)
 
 
 MAX_OPERATIONS_PER_CALL = 5e8
-"""Operations between two checks for a keyboard interrupt: a few hundredths of a second."""
+"""Number of operations between two checks for a keyboard interrupt: a few hundredths of a second."""
 MAX_CONTACT_POINTS = 64
-"""Largest number of contact points and joint stops in compiled steps; each is unrolled."""
+"""Largest number of contact points and joint stops in compiled steps; each has its own operations in the program."""
 MAX_ENTRIES_PER_CALL = 2_000_000
-"""Largest number of entries of the states of one call."""
+"""Largest number of entries of states and accelerations that one call returns."""
 
 
 def can_compile_steps(system: System) -> bool:
-    """True if forces, apart from callbacks, depend on the state only and steps can be compiled."""
+    """True if steps can be compiled and forces, apart from callbacks, depend only on the state."""
     has_gains = system.dry_friction is not None and system.dry_friction.has_gains
     contact_points = sum(contact.size for contact in system.contacts)
     return not has_gains and contact_points <= MAX_CONTACT_POINTS and compiles()
@@ -341,7 +383,7 @@ def can_compile_steps(system: System) -> bool:
 
 def constants(system: System, plan: StepPlan) -> dict[str, Array]:
     """Constant inputs of a step, by the names of the plan."""
-    no_state = np.zeros(0)
+    no_state = np.zeros(0)  # constant wrenches do not depend on it
     values = {}
     for frame, law in system.wrenches.items():
         if not law.varies:
@@ -358,23 +400,27 @@ class CompiledSteps:
     """Steps of one method, under the held torques of a system and its constant wrenches."""
 
     takes_many = True
+    """One call can take several steps."""
 
     def __init__(self, system: System, plan: StepPlan, order: int, h: float, kernel: Any, cost: float) -> None:
         self.system, self.plan, self.order, self.h, self.kernel = system, plan, order, h, kernel
         self.stages = plan.stages
         """Evaluations of forward dynamics in a step."""
-        calls_by_cost = MAX_OPERATIONS_PER_CALL / (cost * self.stages)
-        self.most = max(1, int(min(calls_by_cost, MAX_ENTRIES_PER_CALL / (system.size + system.nv))))
+        steps_by_cost = MAX_OPERATIONS_PER_CALL / (cost * self.stages)
+        steps_by_entries = MAX_ENTRIES_PER_CALL / (system.size + system.nv)
+        self.most = max(1, int(min(steps_by_cost, steps_by_entries)))
         """Largest number of steps in one call."""
         self.names = list(dict(plan.inputs[1:]))
         """Names of the inputs of a step except its length."""
         self.constants = constants(system, plan)
         self.cuts = slice(0, system.nq), system.moving, slice(system.nq + system.nv, system.size)
-        """Slices of the parts of a state."""
-        self.shares, self.table = [0.0], np.zeros((1, 5))
-        """Times of the calls of a step, as fractions of it, and coefficients from each stage to the next, (stages, 5)."""
+        """Slices of a state: coordinates, velocities and works."""
+        self.shares = [0.0]
+        """Times of the kernel calls of a step, as fractions of the step."""
+        self.table = np.zeros((1, 5))
+        """Rows of :func:`stages`, one for each kernel call of a step."""
         self.laws: list[tuple[str, ControlLaw]] = []
-        """Callbacks with the names of their results in the plan."""
+        """Names of inputs of the plan, each with the callback that returns it."""
 
     @classmethod
     def build(cls, system: System, method: str, order: int, h: float) -> CompiledSteps | None:
@@ -387,7 +433,7 @@ class CompiledSteps:
     def _with_kernel(
         cls, system: System, plan: StepPlan, order: int, h: float, *, scalar: bool
     ) -> CompiledSteps | None:
-        """Compiled steps for one state at a time, or for a batch."""
+        """Compiled steps for one state at a time, or for a batch; None if compilation is impossible."""
         robot = system.robot
 
         def build() -> Any:
@@ -400,11 +446,15 @@ class CompiledSteps:
         return None if owner is None else cls(system, plan, order, h, kernel, owner.cost)
 
     def side_by_side(self) -> CompiledSteps:
-        """These steps compiled for a batch; results of a state do not depend on its neighbours."""
-        return self._with_kernel(self.system, self.plan, self.order, self.h, scalar=False) or self
+        """These steps compiled for a batch, or themselves if that is impossible.
+
+        Results of a state do not depend on its neighbours in the batch.
+        """
+        batched = self._with_kernel(self.system, self.plan, self.order, self.h, scalar=False)
+        return self if batched is None else batched
 
     def under(self, held: Array) -> Self:
-        """Same steps of a copy of the system, under these torques of the controller."""
+        """Copy of these steps, under other torques (nv,) of the controller."""
         copied = copy(self)
         copied.system = self.system.under(held)
         return copied
@@ -431,19 +481,22 @@ class CompiledSteps:
         return [states[..., cut] for cut in self.cuts]
 
     def advance_with(self, y: Array, steps: int, h: float, inputs: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """Take steps with inputs (..., n) that are constant over all of them."""
+        """Take steps with inputs (..., n) that are constant over all of them; results as of :meth:`advance`."""
         s = self.system
-        Y, ddq = np.empty((*y.shape[:-1], steps + 1, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
+        Y = np.empty((*y.shape[:-1], steps + 1, s.size))
+        ddq = np.empty((*y.shape[:-1], steps, s.nv))
         Y[..., 0, :] = y
         after = Y[..., 1:, :]
-        rows = [x[..., None, :] for x in inputs]
+        step_inputs = [x[..., None, :] for x in inputs]
         if steps > 1:
-            rows = [np.broadcast_to(x, (*x.shape[:-2], steps, x.shape[-1])) for x in rows]
+            step_inputs = [np.broadcast_to(x, (*x.shape[:-2], steps, x.shape[-1])) for x in step_inputs]
         gaps = np.empty((*ddq.shape[:-1], len(s.contacts)))
-        out = [*self.parts(after), np.empty(ddq.shape[:-1]), ddq]
+        peaks = np.empty(ddq.shape[:-1])
+        out = [*self.parts(after), peaks, ddq]
         if s.contacts:
             out.append(gaps)
-        self.kernel(*self.parts(y), 0.0, np.full(steps, h), *rows, out=tuple(out))
+        initial_peak = 0.0  # arbitrary
+        self.kernel(*self.parts(y), initial_peak, np.full(steps, h), *step_inputs, out=tuple(out))
         s.evaluations += self.stages * steps
         return Y, ddq, gaps
 
@@ -453,7 +506,7 @@ class CompiledSteps:
 
     def step_and_accelerations(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
         """States a time h later, and accelerations (..., nv) at the given states."""
-        if self.system.dry_friction is not None:  # accelerations are those of a step of the usual length
+        if self.system.dry_friction is not None:  # accelerations are evaluated with a step of the usual length self.h
             return self.after(t, y, h), self.accelerations(t, y)
         return self.take_stages(t, y, h, self.stages)
 
@@ -462,7 +515,7 @@ class CompiledSteps:
         return self.take_stages(t, y, self.h, 1)[1]
 
     def take_stages(self, _t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
-        """States after at least the first ``count`` stages of a step, and accelerations at its start."""
-        Y, ddq, _ = self.advance(y, 1, h)
-        self.system.evaluations += count - self.stages  # only the requested stages count
+        """States after a step, of which at least the first ``count`` stages are taken, and accelerations at its start."""
+        Y, ddq, _ = self.advance(y, 1, h)  # all stages
+        self.system.evaluations += count - self.stages  # advance counted all: only requested stages count
         return Y[..., 1, :], ddq[..., 0, :]

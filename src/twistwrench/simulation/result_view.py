@@ -23,19 +23,20 @@ if TYPE_CHECKING:
     from .result import SimulationResult
 
 MAX_EVENTS = 20
-"""Largest number of listed events."""
+"""Largest number of events that the full report lists."""
 MAX_EVENTS_IN_SHORT = 3
-"""Largest number of listed events in the short form of the report."""
+"""Largest number of events that the short form of the report lists."""
 MAX_ROWS_IN_SHORT = 8
 """Largest number of rows of a table in the short form."""
 _DECIMALS = 12
-"""Decimals of coordinates, velocities and energies; smaller values are rounding errors."""
+"""Number of decimals of coordinates, velocities and energies; smaller values are rounding errors."""
 
 
 def simulation_view(result: SimulationResult) -> Iterator[Block]:
     """Blocks of a simulation, verdict first."""
     yield from _headlines(result)
-    if not result.driven or not result.completed:
+    is_driven_to_end = result.driven and result.completed
+    if not is_driven_to_end:
         yield from remarks(limits_passed(result))
     yield ""
     yield _heading(result)
@@ -49,50 +50,50 @@ def simulation_view(result: SimulationResult) -> Iterator[Block]:
 
 
 def _headlines(result: SimulationResult) -> Iterator[Block]:
-    """Verdicts on links that come too near and on the motion, and the closest links."""
+    """Verdict on links that come too near, verdict on the motion, and lines on the closest links."""
     verdict = simulation_verdict(result)
     clearance = result.clearance
-    drift = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
-    end = f"{number(result.times[-1], 6)} s"
-    links_too_near = False
-    if clearance is not None and not clearance.verdict.ok:
-        links_too_near = True
+    drift_sentence = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
+    end_time = f"{number(result.times[-1], 6)} s"
+    links_too_near = clearance is not None and not clearance.verdict.ok
+    if clearance is not None and links_too_near:
         yield Headline.from_verdict(clearance.verdict)
     if not verdict.ok:
-        time = "" if verdict.word is Word.OVER_LIMIT else f" at t = {end}"
-        yield Headline(verdict.word, f"{verdict.reasons[0]}. {drift}", time)
+        time_text = "" if verdict.word is Word.OVER_LIMIT else f" at t = {end_time}"
+        yield Headline(verdict.word, f"{verdict.reasons[0]}. {drift_sentence}", time_text)
     elif links_too_near:
-        yield f"Simulated {end}. {drift}"
+        yield f"Simulated {end_time}. {drift_sentence}"
     else:
         word = verdict.word if clearance is None else Word.OK
-        yield Headline(word, f"simulated {end}. {drift}")
+        yield Headline(word, f"simulated {end_time}. {drift_sentence}")
     if clearance is not None:
         yield from clearance.lines
 
 
 def _heading(result: SimulationResult) -> Line:
     """Robot, method, number of states and steps, and whether friction is counted."""
-    rejected = friction = ""
+    rejected_text = friction_text = ""
     if result.rejected:
-        rejected = f", {result.rejected} rejected"
+        rejected_text = f", {result.rejected} rejected"
     if result.simulated is not None:
-        friction = f"  ·  {friction_words(result.simulated.model, counted=result.friction)}"
+        friction_text = f"  ·  {friction_words(result.simulated.model, counted=result.friction)}"
     return Line(
         (result.robot, Style.STRONG),
         f"  ·  {result.method}  ·  {len(result)} states to {number(result.times[-1], 6)} s  ·  {result.steps} steps",
-        rejected,
-        friction,
+        rejected_text,
+        friction_text,
     )
 
 
 def _unit_factors(result: SimulationResult, mask: Literal["angular", "angular_velocity"]) -> Array | float:
-    """Factor of each coordinate or velocity from SI units to those of the report.
+    """Factor of each coordinate or velocity from SI units to units of the report.
 
     ``mask`` names the field of :class:`.Coordinates` that marks angles.
     """
     if not result.degrees or result.simulated is None:
         return 1.0
-    is_angle = getattr(Coordinates.from_model(result.simulated.model), mask)
+    coordinates = Coordinates.from_model(result.simulated.model)
+    is_angle = getattr(coordinates, mask)
     return np.where(is_angle, math.degrees(1.0), 1.0)
 
 
@@ -113,9 +114,10 @@ def _coordinates(result: SimulationResult) -> Table:
 
 
 def _velocities(result: SimulationResult) -> Table:
-    """First, last and fastest value of each velocity, and the time of the last."""
+    """First, last and fastest value of each velocity, and the time of the fastest."""
     dq = result.dq * _unit_factors(result, "angular_velocity")
     peak_rows = np.abs(dq).argmax(axis=0)
+    fastest = dq[peak_rows, np.arange(len(peak_rows))]
     unit = heading_unit("dq", (True, False), degrees=result.degrees)
     column = partial(numbers, show=_rounded_text, unit=unit, headed=False)
     return Table(
@@ -123,22 +125,22 @@ def _velocities(result: SimulationResult) -> Table:
         words("velocity", result.velocity_names),
         column("start", dq[0]),
         column("end", dq[-1]),
-        column("fastest", dq[peak_rows, np.arange(len(peak_rows))]),
+        column("fastest", fastest),
         numbers("at", result.times[peak_rows], seconds, "s"),
         most=MAX_ROWS_IN_SHORT,
     )
 
 
 def _energies(result: SimulationResult) -> Table:
-    """First, last and largest value of each energy, of each work that is not zero, and of the drift."""
+    """First value, last value and value of largest magnitude of each energy, of each nonzero work, and of the drift."""
     energies = {"kinetic": result.kinetic_energy, "potential": result.potential_energy, "both": result.energy}
     for name, work in result.work.items():
         if np.any(work):
             energies[f"work of {name}"] = work
-    rows = []
+    rows = []  # cells at the start, at the end, and of largest magnitude
     for x in energies.values():
-        start_end_and_largest = x[[0, -1, int(np.abs(x).argmax())]]
-        rows.append([Line(_rounded_text(value), value=value) for value in start_end_and_largest])
+        values = x[[0, -1, int(np.abs(x).argmax())]]
+        rows.append([Line(_rounded_text(value), value=value) for value in values])
     drift = result.drift
     largest_drift = drift[np.abs(drift).argmax()]
     rows.append([Line(residual(value), value=value) for value in (0.0, drift[-1], largest_drift)])
@@ -158,4 +160,5 @@ def _events(result: SimulationResult) -> Iterator[Block]:
 
 
 def _rounded_text(value: float) -> str:
+    """Value with four significant digits; rounding errors print as zero."""
     return number(value, decimals=_DECIMALS)

@@ -23,9 +23,10 @@ RPM = 2 * math.pi / 60
 
 
 class Cycle(NamedTuple):
-    """Loads of one joint at the nodes of a cycle, (n,) each."""
+    """Loads of one joint at the nodes of a cycle, (n,) each unless stated."""
 
     time: Array
+    """Times of the nodes [s]."""
     duration: Array
     """Times between nodes (n - 1,) [s]."""
     speed: Array
@@ -37,37 +38,39 @@ class Cycle(NamedTuple):
     carrier: Array
     """Acceleration of the motor's link about the rotor axis [rad/s²]."""
     inertia: Array
-    """Inertia of the joint in M [kg m²]."""
+    """Inertia of the joint, its diagonal entry of M [kg m²]."""
     bearing: Mapping[str, Array] = MappingProxyType({})
-    """Loads of the joint's bearing by kind [N, N, N m]; empty if no gear has limits of them."""
+    """Loads of the joint's bearing by kind [N, N, N m]; empty if no gear has limits of such loads."""
 
     def rotor_torque(self, inertia: float, ratio: float) -> Array:
-        """Torque at the joint that accelerates the rotor: G J (G q̈ + α). MR section 8.9.2."""
+        """Torque at the joint that accelerates a rotor of inertia J, by a gear of ratio G: G J (G q̈ + α). MR section 8.9.2."""
         return ratio * inertia * (ratio * self.acceleration + self.carrier)
 
 
 def between(x: Array) -> Array:
-    """Means of consecutive nodes."""
+    """Mean value between each two consecutive nodes, (n - 1,)."""
     return np.asarray(0.5 * (x[1:] + x[:-1]))
 
 
 def with_noise(demands: Sequence[Demand], draws: Sequence[Sequence[Demand]]) -> tuple[Demand, ...]:
     """Demands without the mean effect of noise, and with standard deviations.
 
-    Both are estimated from ``draws``, the demands of equally likely motions. By its own noise, a motion has a demand larger by
-    the mean excess of the draws over it: the corrected value is value - (mean - value).
+    Both are estimated from ``draws``, the demands of equally likely motions. By its own noise, the demand of a motion is too
+    large by as much as the mean of the draws exceeds it: the corrected value is value - (mean - value).
     """
-    corrected = []
+    corrected_demands = []
     for demand in demands:
         all_draws = itertools.chain.from_iterable(draws)
-        values = np.array([d.value for d in all_draws if (d.what, d.limit) == (demand.what, demand.limit)])
-        if len(values) > 1 and np.isfinite([demand.value, *values]).all():
-            mean = float(values.mean())
-            sigma = float(values.std(ddof=1))
-            corrected.append(replace(demand, value=2 * demand.value - mean, sigma=sigma))
+        drawn_values = np.array([
+            drawn.value for drawn in all_draws if (drawn.what, drawn.limit) == (demand.what, demand.limit)
+        ])  # fmt: skip
+        if len(drawn_values) > 1 and np.isfinite([demand.value, *drawn_values]).all():
+            mean = float(drawn_values.mean())
+            sigma = float(drawn_values.std(ddof=1))
+            corrected_demands.append(replace(demand, value=2 * demand.value - mean, sigma=sigma))
         else:
-            corrected.append(demand)
-    return tuple(corrected)
+            corrected_demands.append(demand)
+    return tuple(corrected_demands)
 
 
 @dataclass(frozen=True)
@@ -82,14 +85,14 @@ class DrivePart:
     @property
     def tightest(self) -> Demand:
         """Demand nearest to its limit."""
-        return max(self.demands, key=lambda d: d.share)
+        return max(self.demands, key=lambda demand: demand.share)
 
     @property
     def excess(self) -> tuple[Demand, ...]:
         """Demands beyond their limits."""
-        return tuple(d for d in self.demands if d.over)
+        return tuple(demand for demand in self.demands if demand.over)
 
     @property
     def open(self) -> tuple[Demand, ...]:
         """Demands so near to their limits that noise of the log decides whether they exceed them."""
-        return tuple(d for d in self.demands if d.open)
+        return tuple(demand for demand in self.demands if demand.open)

@@ -18,7 +18,7 @@ from .gear import Gear, average_speed
 from .winding import allowed_current, periodic_temperatures, runaway_current
 
 _RATED_AMBIENT = 25.0
-"""Temperature of the air [°C] to which continuous currents of data sheets apply."""
+"""Temperature of the air for which data sheets state continuous currents [°C]."""
 
 
 @dataclass(frozen=True)
@@ -30,15 +30,16 @@ class CatalogMotor:
     inertia: float = 0.0
     """Inertia of the rotor [kg m²]; 0 if unknown."""
     mass: float = 0.0
+    """Mass [kg]; 0 if unknown."""
     price: float = 0.0
     stall_only: bool = False
     """True if only the stall torque is known, which a motor cannot hold for long."""
     unstated: frozenset[str] = frozenset()
-    """Numbers that make the motor look better if the catalogue leaves them out: ``mass``."""
+    """Names of numbers that the catalogue leaves out, by which the motor looks better: ``mass``."""
 
 
 def hot_motor(motor: Motor, ambient: float) -> Motor:
-    """Motor at its maximum temperature: resistance at this temperature, and the current that maintains it."""
+    """Motor at its maximum temperature: its resistance there, and the continuous current that maintains it."""
     thermal = motor.thermal
     if thermal is None or math.isinf(thermal.maximum):
         return motor
@@ -57,16 +58,18 @@ class SizedMotor(DrivePart):
     speed: Array
     """Speed of the rotor (n,) [rad/s]."""
     rms_torque: float
+    """Torque of the root mean square of the current [N m]."""
     peak_torque: float
     rms_current: float
+    """[A]"""
     peak_current: float
     peak_speed: float
+    """[rad/s]"""
     mean_speed: float
     inertia_ratio: float
     """Maximum of (M_jj / G²) / J over the cycle; NaN for unknown rotor inertia."""
     power: Array
-    """Electrical power τ ω + R i² (n,) [W]. R is the resistance at the winding's temperature, or the catalogue's without
-    thermal data."""
+    """Electrical power τ ω + R i² (n,) [W], with the resistance R of :func:`warm_resistance`."""
     temperature: Array
     """Temperatures of winding and housing at the nodes of the repeated cycle (n, 2) [°C]; empty without thermal data."""
 
@@ -76,7 +79,7 @@ def sized_motor(
 ) -> SizedMotor:
     """Loads of a motor behind a gear.
 
-    At the nodes ``holding`` a brake carries the torque; ``weighs``: the motor's mass is a load of other drives.
+    At the nodes ``holding`` a brake carries the torque. ``weighs`` is True if the motor's mass is a load of other drives.
     """
     motor, ratio = entry.motor, gear.ratio
     gear_torque = gear_input(cycle.torque, cycle.speed, gear.efficiency)
@@ -91,31 +94,45 @@ def sized_motor(
     temperatures = np.zeros((0, 2))
     if motor.thermal is not None:
         temperatures = periodic_temperatures(motor.thermal, motor.resistance, mean_squares, cycle.duration, ambient)
-    demands, missing = _motor_demands(entry, torque, speed, current, rms_current, temperatures, cycle.time, ambient)
+    demands, missing_ratings = _motor_demands(
+        entry, torque, speed, current, rms_current, temperatures, cycle.time, ambient
+    )
     if weighs and "mass" in entry.unstated and not entry.stall_only:
-        missing.append("mass")
+        missing_ratings.append("mass")
     inertia_ratios = np.array([math.nan])
     if entry.inertia:
         inertia_ratios = cycle.inertia / (ratio**2 * entry.inertia)
     return SizedMotor(
-        entry.name, tuple(demands), tuple(missing), torque, speed, motor.torque_constant * rms_current,
-        float(np.abs(torque).max()), rms_current, float(np.abs(current).max()), float(np.abs(speed).max()),
-        average_speed(between(np.abs(speed)), cycle.duration), float(inertia_ratios.max()),
-        torque * speed + warm_resistance(motor, temperatures) * current**2, temperatures,
-    )  # fmt: skip
+        entry.name,
+        tuple(demands),
+        tuple(missing_ratings),
+        torque=torque,
+        speed=speed,
+        rms_torque=motor.torque_constant * rms_current,
+        peak_torque=float(np.abs(torque).max()),
+        rms_current=rms_current,
+        peak_current=float(np.abs(current).max()),
+        peak_speed=float(np.abs(speed).max()),
+        mean_speed=average_speed(between(np.abs(speed)), cycle.duration),
+        inertia_ratio=float(inertia_ratios.max()),
+        power=torque * speed + warm_resistance(motor, temperatures) * current**2,
+        temperature=temperatures,
+    )
 
 
 def warm_resistance(motor: Motor, temperatures: Array) -> Array:
-    """Resistance of the winding at temperatures of winding and housing (n, 2) [°C]; the catalogue's (1,) without thermal data.
+    """Resistance (n,) of the winding at temperatures of winding and housing (n, 2) [°C].
 
-    In a thermal runaway temperatures are infinite; then the winding has the resistance at its maximum temperature.
+    Without thermal data it is the resistance of the catalogue, (1,). In a thermal runaway, temperatures are infinite, and the
+    resistance is that at the maximum temperature.
     """
     thermal = motor.thermal
     if thermal is None or not temperatures.size:
         return np.array([motor.resistance])
     runaway_temperature = thermal.maximum if math.isfinite(thermal.maximum) else thermal.reference
-    winding = np.where(np.isfinite(temperatures[:, 0]), temperatures[:, 0], runaway_temperature)
-    return np.asarray(motor.resistance * (1 + thermal.coefficient * (winding - thermal.reference)))
+    winding_temperature = temperatures[:, 0]
+    finite_temperature = np.where(np.isfinite(winding_temperature), winding_temperature, runaway_temperature)
+    return np.asarray(motor.resistance * (1 + thermal.coefficient * (finite_temperature - thermal.reference)))
 
 
 def _motor_demands(
@@ -130,16 +147,20 @@ def _motor_demands(
 ) -> tuple[list[Demand], list[str]]:
     """Demands on a motor, and its missing ratings."""
     motor, thermal = entry.motor, entry.motor.thermal
-    hot = replace(hot_motor(motor, ambient), speed=math.inf)  # speeds are a separate demand
-    limits = np.where(torque >= 0, hot.greatest_torque(speed), hot.greatest_torque(-speed))
+    motor_at_any_speed = replace(hot_motor(motor, ambient), speed=math.inf)  # speeds are a separate demand
+    limits = np.where(
+        torque >= 0, motor_at_any_speed.greatest_torque(speed), motor_at_any_speed.greatest_torque(-speed)
+    )
+    share_without_limit = np.where(torque == 0, 0.0, math.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
-        shares = np.where(limits > 0, np.abs(torque) / limits, np.where(torque == 0, 0.0, math.inf))
+        shares = np.where(limits > 0, np.abs(torque) / limits, share_without_limit)
+    # nodes of the largest demands
     worst = int(shares.argmax())
     peak = int(np.abs(current).argmax())
     fastest = int(np.abs(speed).argmax())
-    allowed = max(float(limits[worst]), 0.0)
+    max_torque = max(float(limits[worst]), 0.0)
     demands = [
-        Demand("torque at its speed", float(np.abs(torque[worst])), allowed, "N m", float(time[worst])),
+        Demand("torque at its speed", float(np.abs(torque[worst])), max_torque, "N m", float(time[worst])),
         Demand("peak current", float(np.abs(current[peak])), motor.current_peak, "A", float(time[peak])),
         Demand("speed", float(np.abs(speed[fastest])) / RPM, motor.speed / RPM, "rpm", float(time[fastest])),
     ]
@@ -147,15 +168,16 @@ def _motor_demands(
         max_temperature = float(temperatures[:, 0].max())
         demands.append(Demand("winding temperature", max_temperature, thermal.maximum, "degC", base=ambient))
         if not math.isfinite(max_temperature):
-            bound = runaway_current(thermal, motor.resistance)
-            demands[-1] = Demand(f"thermal runaway above {printed(bound, 4)} A, rms current", rms_current, bound, "A")
+            max_current = runaway_current(thermal, motor.resistance)
+            demand_name = f"thermal runaway above {printed(max_current, 4)} A, rms current"
+            demands[-1] = Demand(demand_name, rms_current, max_current, "A")
     elif math.isfinite(motor.current_continuous):
         demands.append(Demand("rms current", rms_current, motor.current_continuous, "A"))
     return demands, _missing_ratings(entry, ambient)
 
 
 def _missing_ratings(entry: CatalogMotor, ambient: float) -> list[str]:
-    """Names of missing numbers of a motor; with them its verdict might be worse."""
+    """Names of missing ratings of a motor, with which its verdict might be worse."""
     motor, thermal = entry.motor, entry.motor.thermal
     missing = [name for name in ("voltage", "current_peak") if not math.isfinite(getattr(motor, name))]
     if entry.stall_only:
@@ -189,11 +211,11 @@ class Supply(NamedTuple):
     drawn: float
     """Energy drawn in a cycle [J]."""
     braked: float
-    """Energy returned by the drives in a cycle [J], to the brake resistor unless the supply accepts it."""
+    """Energy that the drives return in a cycle [J], to the brake resistor unless the supply accepts it."""
 
 
 def supply_of(powers: Iterator[Array] | list[Array], duration: Array, *, shared: bool) -> Supply:
-    """Supply of drives from the power (n,) of each at the nodes; ``shared``: drives feed each other through a common link."""
+    """Supply of drives from their powers (n,) at the nodes; if ``shared``, drives feed each other through a common link."""
     net_powers = np.array(list(powers))
     if shared:
         net_powers = net_powers.sum(axis=0)[None, :]

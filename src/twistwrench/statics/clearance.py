@@ -32,7 +32,7 @@ from ..robot import Robot
 from .link_pairs import Exact, LinkPairs
 
 STEP = 0.01
-"""s: rows of a motion closer in time than this are skipped."""
+"""Time between evaluated rows of a motion [s]; rows between them are skipped."""
 _MAX_LISTED_PAIRS = 4
 """Largest number of pairs or links that a sentence lists."""
 _ADVICE_ON_COAL = f"decided by coal: {MissingExtraError.advice('clearance')}"
@@ -61,26 +61,28 @@ class Clearance:
     exact: bool
     """True if coal evaluated the shapes, False if the distances are those of capsules around them."""
     unknown: tuple[str, ...]
-    """Links with mass and a missing or unreadable shape."""
+    """Links with mass whose shape is missing or cannot be read."""
     undecided: tuple[str, ...] = ()
     """Pairs left out because their capsules always overlap; empty if coal is used."""
     touching: tuple[str, ...] = ()
     """Pairs left out because they are in contact in 95 % of random configurations."""
     hidden: tuple[str, ...] = ()
-    """Pairs of which one link may be inside the other in some configuration, whose mesh is not closed."""
+    """Pairs of links of which one may be inside the other, which has a mesh that is not closed, in some configuration."""
 
 
 # ── Clearance of configurations, along motions, and of inverse kinematics
 
 
 def clearance_of(robot: Robot, q: ArrayLike, exact: Exact, srdf: str | Path | None) -> Clearance:
-    """See :meth:`twistwrench.Robot.clearance`."""
+    """Clearance of configurations: :meth:`twistwrench.Robot.clearance`."""
     configurations = arguments.finite(q, "clearance: q", robot.nq, names=robot.coordinate_names)
     pairs = LinkPairs.from_robot(robot, exact, srdf)
-    all_nearest = pairs.nearest(np.asarray(configurations, float).reshape(-1, robot.nq))
+    rows = np.asarray(configurations, float).reshape(-1, robot.nq)
+    all_nearest = pairs.nearest(rows)
     distances = np.array([nearest.distance for nearest in all_nearest])
     if len(pairs.links):
-        names = pairs.names[np.array([nearest.pair for nearest in all_nearest], int)]
+        pair_indices = np.array([nearest.pair for nearest in all_nearest], int)
+        names = pairs.names[pair_indices]
     else:
         names = np.full((len(all_nearest), 2), "")
         if pairs.unknown:
@@ -114,7 +116,7 @@ class PathClearance:
     step: float = 0.0
     """Longest interval between evaluated rows [s]."""
     hidden: frozenset[int] = frozenset()
-    """Pairs of which one link may be inside the other."""
+    """Indices of pairs of which one link may be inside the other."""
 
     @classmethod
     def along(
@@ -125,44 +127,48 @@ class PathClearance:
         result = cls(pairs, arguments.positive(asked, "clearance", "m", zero=True))
         for time, q in samples:
             steps = np.diff(time)
-            stride = 1
+            stride = 1  # from one evaluated row to the next
             if len(steps):
-                stride = max(1, int(STEP / max(float(np.median(steps)), 1e-9) + 1e-9))
+                usual_step = max(float(np.median(steps)), 1e-9)  # not zero
+                stride = max(1, int(STEP / usual_step + 1e-9))  # a whole ratio is not rounded down
             rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
             longest_step = max(result.step, float(np.diff(time[rows]).max(initial=0.0)))
-            nearest, k = pairs.nearest_row(q[rows], result.distance)
+            nearest, k = pairs.nearest_row(q[rows], result.distance)  # k is -1 if no row is nearer than those before
             result = replace(result, step=longest_step, hidden=result.hidden | nearest.hidden)
-            if k >= 0:  # nearer than in the portions before
+            if k >= 0:
                 first, second = pairs.names[nearest.pair].tolist()
                 result = replace(result, distance=nearest.distance, pair=(first, second), time=float(time[rows[k]]))
         return result
 
     @property
     def words(self) -> str:
-        """Nearest links, their distance, its time, and the method of evaluation."""
+        """Nearest links, their distance with its time, and the method of evaluation, as a text."""
         if not self.pair[0]:
             if self.pairs.unknown:
                 return "Closest links: not known"
             return "Closest links: no two can touch"
         if self.pairs.shapes is not None:
-            method, lower_bound, contact = "exact", "", "in contact"
+            method = "exact"
+            distance_text = f"{quantity(self.distance, 'm', 3)} at" if self.distance > 0.0 else "in contact from"
         else:
-            method, lower_bound, contact = "capsules around the links", "at least ", "capsules overlap"
-        distance = f"{contact} from"
-        if self.distance > 0.0:
-            distance = f"{lower_bound}{quantity(self.distance, 'm', 3)} at"
-        step = ""
+            method = "capsules around the links"
+            distance_text = "capsules overlap from"
+            if self.distance > 0.0:
+                distance_text = f"at least {quantity(self.distance, 'm', 3)} at"
+        step_text = ""
         if self.step:
-            step = f", every {quantity(1000.0 * self.step, 'ms', 3)}"
-        return f"Closest links: {' – '.join(self.pair)}, {distance} t = {seconds(self.time)} s ({method}{step})"
+            step_text = f", every {quantity(1000.0 * self.step, 'ms', 3)}"
+        return (
+            f"Closest links: {' – '.join(self.pair)}, {distance_text} t = {seconds(self.time)} s ({method}{step_text})"
+        )
 
     @property
     def lines(self) -> list[str]:
         """Sentences on the nearest links and on the pairs left out because they are always in contact."""
         lines = [f"{self.words}."]
-        left_out = listed(self.pairs.touching, _MAX_LISTED_PAIRS, "; ")
-        if left_out:
-            lines.append(f"Not judged, as in contact in 95 % of configurations: {left_out}.")
+        left_out_pairs = listed(self.pairs.touching, _MAX_LISTED_PAIRS, "; ")
+        if left_out_pairs:
+            lines.append(f"Not judged, as in contact in 95 % of configurations: {left_out_pairs}.")
         return lines
 
     def blocks(self) -> Iterator[Block]:
@@ -173,21 +179,22 @@ class PathClearance:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """COLLISION in contact, OVER LIMIT if too near, UNSURE if decided only by capsules or with missing shapes."""
+        """COLLISION in contact, OVER LIMIT if too near, UNSURE if only capsules decide or shapes are missing."""
         collision: list[str] = []
         over: list[str] = []
         unsure: list[str] = []
         links = " and ".join(self.pair)
         when = f"at t = {seconds(self.time)} s"
-        required = quantity(self.asked, "m", 3)
+        required_distance = quantity(self.asked, "m", 3)
         is_exact = self.pairs.shapes is not None
         if self.distance <= 0.0 and is_exact:
             collision.append(f"{links} are in contact {when}")
         elif self.distance < self.asked and is_exact:
-            over.append(f"{links} come within {quantity(self.distance, 'm', 3)} {when}, and {required} are required")
+            distance = quantity(self.distance, "m", 3)
+            over.append(f"{links} come within {distance} {when}, and {required_distance} are required")
         elif self.distance <= self.asked:
-            possible = f"come within {required}" if self.distance > 0.0 else "touch"
-            unsure.append(f"{links} may {possible} {when} (capsules; {_ADVICE_ON_COAL})")
+            event = f"come within {required_distance}" if self.distance > 0.0 else "touch"
+            unsure.append(f"{links} may {event} {when} (capsules; {_ADVICE_ON_COAL})")
         if self.pairs.undecided:
             pairs = listed(self.pairs.undecided, _MAX_LISTED_PAIRS, "; ")
             unsure.append(f"capsules always overlap and are not judged: {pairs} ({_ADVICE_ON_COAL})")
@@ -195,16 +202,20 @@ class PathClearance:
             pairs = listed(self.pairs.pair_texts(self.hidden), _MAX_LISTED_PAIRS, "; ")
             unsure.append(f"a mesh is not closed, so it is not known whether one link is inside the other: {pairs}")
         if self.pairs.unknown:
-            count = len(self.pairs.unknown)
+            unknown_count = len(self.pairs.unknown)
+            link_count = unknown_count + self.pairs.known
             unsure.append(
-                f"clearance not known of {count} of {count + self.pairs.known} links, whose shapes are not in the file or "
+                f"clearance not known of {unknown_count} of {link_count} links, whose shapes are not in the file or "
                 f"could not be read: {listed(self.pairs.unknown, _MAX_LISTED_PAIRS)}"
             )
         return Verdict.from_reasons(collision=collision, over=over, unsure=unsure)
 
 
 def distances_for_search(robot: Robot) -> Callable[[Array], Clearance]:
-    """Clearance function for inverse kinematics; warns of links without shapes, and raises ModelError if none has one."""
+    """Function for inverse kinematics that returns the clearance of configurations.
+
+    Warns of links without shapes, and raises ModelError if no link has a shape.
+    """
     pairs = LinkPairs.from_robot(robot)
     if pairs.unknown and not pairs.known:
         raise ModelError(f"the clearance of robot {robot.name!r} is not known: no link has a shape that could be read.")

@@ -27,17 +27,27 @@ if TYPE_CHECKING:
 
 PARTS = {"moment": slice(0, 3), "force": slice(3, 6), "wrench": slice(0, 6)}
 """Rows of a wrench for each part."""
+_MIN_LEVER = 1e-12
+"""Length of a column of J, as a share of the longest, below which no wrench loads the joint."""
+_CORNER_TOLERANCE = 1e-9
+"""Distance below which corners are one, as a share of the size of the polytope."""
+_FACET_TOLERANCE = 1e-7
+"""Relative distance of a corner from a half-space's boundary up to which the corner lies on it."""
+_MIN_LINE = 1e-7
+"""Length of a projected unit vector above which it is a direction of a line."""
+_MAX_RADIUS = 1e3
+"""Bound of a ball's radius in a polytope, which may be unbounded, relative to the limits."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WrenchEllipsoid:
     """Force ellipsoid: all x (n,) with x' A x ≤ 1, centred at zero, without gravity.
 
-    Leading axes are those of the poses.
+    Leading axes of the arrays are those of the poses.
     """
 
     matrix: Array
-    """(..., n, n): A = J W⁻² J', with the rows of J of this part and W the scale of each torque."""
+    """(..., n, n): A = J W⁻² J', where J has the rows of ``part`` and W the scale of each torque."""
     axes: Array
     """(..., n, n): directions of the semi-axes as columns, strongest first."""
     semi_axes: Array
@@ -57,9 +67,10 @@ class WrenchEllipsoid:
                 largest_entry = axis[np.argmax(np.abs(axis))]
                 direction = np.round(axis * np.sign(largest_entry), 4)
                 parts.append(f"{number(length)} along {vector(direction)}")
-        unbounded = int(np.isinf(self.semi_axes).sum())
-        if unbounded:
-            parts.append(f"unbounded in {unbounded} direction{'s' if unbounded > 1 else ''}")
+        unbounded_count = int(np.isinf(self.semi_axes).sum())
+        if unbounded_count:
+            noun = "directions" if unbounded_count > 1 else "direction"
+            parts.append(f"unbounded in {unbounded_count} {noun}")
         return f"{title}: {', '.join(parts)}"
 
     @property
@@ -87,8 +98,9 @@ class WrenchEllipsoid:
         d = unit_vectors(direction, self.matrix.shape[-1])
         same_batch(poses=self.semi_axes, direction=d)
         squared_torque = np.einsum("...i,...ij,...j->...", d, self.matrix, d)  # of a unit wrench: d' A d
-        needs_none = squared_torque <= RANK_TOLERANCE**2 * np.trace(self.matrix, axis1=-2, axis2=-1)
-        return np.where(needs_none, np.inf, 1.0 / np.sqrt(np.where(needs_none, 1.0, squared_torque)))
+        needs_no_torque = squared_torque <= RANK_TOLERANCE**2 * np.trace(self.matrix, axis1=-2, axis2=-1)
+        torque = np.sqrt(np.where(needs_no_torque, 1.0, squared_torque))
+        return np.where(needs_no_torque, np.inf, 1.0 / torque)
 
 
 def wrench_ellipsoid(
@@ -125,24 +137,26 @@ def wrench_ellipsoid(
     >>> wrench_ellipsoid(arm, [0.0, np.pi / 2], part="moment")
     WrenchEllipsoid of moments, world_aligned: 0.7071 along (0, 1, 0), unbounded in 2 directions
     """
-    J = np.asarray(require_robot(robot, "wrench_ellipsoid").jacobian(q, frame, kind))[..., part_rows(part), :]
+    all_rows = np.asarray(require_robot(robot, "wrench_ellipsoid").jacobian(q, frame, kind))
+    J = all_rows[..., part_rows(part), :]
     if limits is not None:
         J = motor_torques(robot.model, J) * effort_weights(robot, limits)
     A = J @ np.swapaxes(J, -1, -2)
     has_nan = np.isnan(J).any(axis=(-2, -1))
-    U, s, _ = np.linalg.svd(np.where(has_nan[..., None, None], 0.0, J), full_matrices=True)  # the SVD rejects NaN
+    known_J = np.where(has_nan[..., None, None], 0.0, J)  # the SVD rejects NaN
+    U, s, _ = np.linalg.svd(known_J, full_matrices=True)
     U = np.where(has_nan[..., None, None], np.nan, U)
     s = np.where(has_nan[..., None], np.nan, s)
-    # The semi-axes are the reciprocal singular values; with fewer joints than n, further ones are zero.
-    missing = J.shape[-2] - s.shape[-1]
-    sigma = np.concatenate([s, np.zeros((*s.shape[:-1], missing))], axis=-1)
+    # The semi-axes are the reciprocal singular values; with fewer joints than n, the missing ones are zero.
+    missing_count = J.shape[-2] - s.shape[-1]
+    sigma = np.concatenate([s, np.zeros((*s.shape[:-1], missing_count))], axis=-1)
     is_zero = sigma <= RANK_TOLERANCE * np.maximum(sigma.max(axis=-1, keepdims=True), 1e-300)
     semi_axes = np.where(is_zero, np.inf, 1.0 / np.where(is_zero, 1.0, sigma))
     return WrenchEllipsoid(A, U[..., ::-1], semi_axes[..., ::-1], part, kind)
 
 
 def effort_weights(robot: Robot, limits: ArrayLike | None) -> Array:
-    """Reciprocal limits, (nv,); zero for joints without a limit. Raises ValueRangeError for a limit of zero."""
+    """Reciprocal limits (nv,), zero for joints without a limit; raises ValueRangeError for a limit of zero."""
     L = effort_limits(robot, limits)
     if (L == 0).any():
         raise ValueRangeError(
@@ -153,7 +167,7 @@ def effort_weights(robot: Robot, limits: ArrayLike | None) -> Array:
 
 
 def part_rows(part: str) -> slice:
-    """Rows of a wrench for ``part``; UnknownNameError lists the choices."""
+    """Rows of a wrench for ``part``; raises UnknownNameError for other names."""
     try:
         return PARTS[part]
     except (KeyError, TypeError):
@@ -184,8 +198,8 @@ class LargestWrench:
         if np.isnan(self.magnitude):
             return "unknown: q has an entry that is not a number"
         name = self.joint_names[int(self.joint)] if self.joint >= 0 else "no joint"
-        along = ", ".join(number(round(x, 12) + 0.0, 3) for x in self.wrench)  # no negative zeros
-        return f"{number(self.magnitude)} along ({along}), limited by {name}"
+        entries = [number(round(x, 12) + 0.0, 3) for x in self.wrench]  # no negative zeros
+        return f"{number(self.magnitude)} along ({', '.join(entries)}), limited by {name}"
 
 
 def largest_wrench(
@@ -258,13 +272,15 @@ def weakest_direction(
     g = motor_torques(robot.model, resting_torques(robot, q))
     J = motor_torques(robot.model, robot.jacobian(q, frame, kind))
     lever = np.linalg.norm(J[..., rows, :], axis=-2)  # |J_i|
-    takes_part = lever > 1e-12 * np.maximum(1.0, lever.max(axis=-1, initial=0.0, keepdims=True))
+    takes_part = lever > _MIN_LEVER * np.maximum(1.0, lever.max(axis=-1, initial=0.0, keepdims=True))
     has_nan = np.isnan(g).any(axis=-1) | np.isnan(lever).any(axis=-1)
-    if not (takes_part.any(axis=-1) | has_nan).all():
+    has_direction = takes_part.any(axis=-1) | has_nan
+    if not has_direction.all():
         raise ValueRangeError(
             f"no joint of {robot.name!r} depends on any {part} there: the structure bears it all. Choose a frame that moves."
         )
-    distance = np.where(takes_part, (L - np.abs(g)) / np.where(takes_part, lever, 1.0), np.inf)
+    divisor = np.where(takes_part, lever, 1.0)
+    distance = np.where(takes_part, (L - np.abs(g)) / divisor, np.inf)  # of the nearer facet of each joint
     joint = np.argmin(distance, axis=-1)[..., None]
     sign = np.where(np.take_along_axis(g, joint, axis=-1) < 0, -1.0, 1.0)
     column = sign * np.take_along_axis(J, joint[..., None, :], axis=-1)[..., 0]
@@ -275,7 +291,7 @@ def weakest_direction(
 
 
 def _largest_along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrench:
-    """Largest multiples of unit wrenches F (..., 6) with resting torques g, Jacobian J and limits L (nv,)."""
+    """Largest multiples of unit wrenches F (..., 6) that keep limits L (nv,), with resting torques g and Jacobian J."""
     a = np.einsum("...ij,...i->...j", J, F)
     s = growth(g, a, L)
     has_nan = np.isnan(g).any(axis=-1) | np.isnan(a).any(axis=-1)
@@ -360,7 +376,8 @@ class WrenchPolytope:
         """Sides that bound the polytope: those that contain at least as many corners as its dimension."""
         dimension = self.normals.shape[1] - self.borne.shape[1]
         gap = np.abs(self.normals @ self.vertices.T - self.offsets[:, None])
-        corner_counts = np.sum(gap <= 1e-7 * (1.0 + np.abs(self.offsets[:, None])), axis=1)
+        is_on_boundary = gap <= _FACET_TOLERANCE * (1.0 + np.abs(self.offsets[:, None]))
+        corner_counts = np.sum(is_on_boundary, axis=1)
         return tuple(side for side, count in zip(self.sides, corner_counts, strict=False) if count >= dimension)
 
     def __str__(self) -> str:
@@ -419,17 +436,18 @@ def wrench_polytope(
     L = effort_limits(robot, limits)
     g = motor_torques(robot.model, resting_torques(robot, q))
     J = motor_torques(robot.model, robot.jacobian(q, frame, kind))[jacobian_rows]
-    limited = np.isfinite(L)
-    A = np.concatenate([J.T[limited], -J.T[limited]])
-    b = np.concatenate([(L - g)[limited], (L + g)[limited]])
-    names = list(compress(robot.model.drive_labels, limited))
+    is_limited = np.isfinite(L)
+    A = np.concatenate([J.T[is_limited], -J.T[is_limited]])  # upper limits, then lower ones
+    b = np.concatenate([(L - g)[is_limited], (L + g)[is_limited]])
+    names = list(compress(robot.model.drive_labels, is_limited))
     sides = [f"+{name}" for name in names] + [f"-{name}" for name in names]
     labels: tuple[Any, ...] = (part, rest, str(robot.tip if frame is None else frame), kind)
     length = np.linalg.norm(A, axis=1)
-    takes_part = length > 1e-12 * max(1.0, length.max(initial=0.0))  # joints that some wrench loads
-    if np.any(b[~takes_part] < 0):
-        k = int(np.flatnonzero(~takes_part)[np.argmin(b[~takes_part])])
-        joint = sides[k][1:]
+    takes_part = length > _MIN_LEVER * max(1.0, length.max(initial=0.0))  # joints that some wrench loads
+    is_beyond_limit = ~takes_part & (b < 0)
+    if is_beyond_limit.any():
+        k = int(np.argmin(np.where(takes_part, np.inf, b)))  # farthest beyond its limit
+        joint = sides[k][1:]  # without the sign
         raise ValueRangeError(f"{joint} is beyond its limit whatever wrench is applied: the robot cannot hold itself.")
     A = A[takes_part] / length[takes_part, None]
     b = b[takes_part] / length[takes_part]
@@ -441,7 +459,7 @@ def wrench_polytope(
 
 
 def _corners(A: Array, b: Array) -> tuple[Array, Array]:
-    """Corners (k, n) of A x ≤ b perpendicular to its lines, and an orthonormal basis (n, l) of the lines."""
+    """Corners (k, n) of the cross-section of A x ≤ b perpendicular to its lines, and an orthonormal basis (n, l) of these."""
     from scipy.spatial import HalfspaceIntersection
 
     _, s, Vt = np.linalg.svd(A, full_matrices=True)
@@ -450,33 +468,36 @@ def _corners(A: Array, b: Array) -> tuple[Array, Array]:
     if rank == 0:
         return np.zeros((1, A.shape[1])), borne
     H = A @ Q  # half-spaces in the coordinates y of the cross-section, with x = Q y
-    inside = _deepest_point(H, b)
+    inner_point = _deepest_point(H, b)
     if rank == 1:
         h = H[:, 0]
-        ends = b / h
-        corners = np.array([[ends[h > 0].min()], [ends[h < 0].max()]])
+        boundaries = b / h
+        corners = np.array([[boundaries[h > 0].min()], [boundaries[h < 0].max()]])
     else:
-        corners = HalfspaceIntersection(np.column_stack([H, -b]), inside).intersections
-        # More half-spaces than dimensions may meet in a corner, which then stands there several times.
-        scale = np.abs(corners - inside).max()
-        _, first = np.unique(np.round((corners - inside) / (1e-9 * scale)), axis=0, return_index=True)
-        corners = corners[np.sort(first)]
+        corners = HalfspaceIntersection(np.column_stack([H, -b]), inner_point).intersections
+        # More half-spaces than dimensions may meet in a corner, which then is listed several times.
+        size = np.abs(corners - inner_point).max()
+        rounded = np.round((corners - inner_point) / (_CORNER_TOLERANCE * size))
+        _, first_indices = np.unique(rounded, axis=0, return_index=True)
+        corners = corners[np.sort(first_indices)]
     return corners @ Q.T, borne
 
 
 def _deepest_point(H: Array, b: Array) -> Array:
     """Centre (r,) of the largest ball in H x ≤ b: the largest radius ρ with H x + ρ ≤ b, by linear programming.
 
-    It is nearly that of half-spaces whose normals, the rows of H, have unit length.
+    This is exact if the rows of H have unit length, which nearly holds.
     """
     from scipy.optimize import linprog
 
     scale = np.abs(b).max(initial=1e-300)
     r = H.shape[1]
     A = np.column_stack([H, np.ones(len(H))])
-    bounds = [(None, None)] * r + [(0.0, 1e3)]  # on x and ρ, divided by the scale
-    optimum = linprog([0.0] * r + [-1.0], A_ub=A, b_ub=b / scale, bounds=bounds, method="highs")
-    if optimum.status != 0 or optimum.x is None or optimum.x[-1] <= 1e-9:
+    bounds = [(None, None)] * r + [(0.0, _MAX_RADIUS)]  # on x and ρ, divided by the scale
+    cost = [0.0] * r + [-1.0]
+    optimum = linprog(cost, A_ub=A, b_ub=b / scale, bounds=bounds, method="highs")
+    is_solved = optimum.status == 0 and optimum.x is not None
+    if not is_solved or optimum.x[-1] <= 1e-9:  # no radius
         raise ValueRangeError(
             "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs need more. "
             f"Look at statics.largest_payload for the joint, or pass larger {argument('limits')}."
@@ -489,12 +510,12 @@ def _projection(corners: Array, lines: Array, labels: tuple[Any, ...]) -> Wrench
     from scipy.spatial import ConvexHull
 
     U, s, _ = np.linalg.svd(lines, full_matrices=True)
-    rank = int(np.sum(s > 1e-7))
+    rank = int(np.sum(s > _MIN_LINE))
     borne, Q = U[:, :rank], U[:, rank:]
     points = corners @ Q  # in the coordinates of the cross-section
     if Q.shape[1] >= 2:
         hull = ConvexHull(points)
-        equations = np.unique(np.round(hull.equations, 12), axis=0)  # facets are triangles, several in one plane
+        equations = np.unique(np.round(hull.equations, 12), axis=0)  # one for the triangles of each plane
         normals, offsets = equations[:, :-1], -equations[:, -1]
         vertices = points[hull.vertices]
     elif Q.shape[1] == 1:

@@ -54,7 +54,7 @@ class Support:
     slowest: Array
     """(n,): least factor of the speed; above 0 for motions that balance by their momentum; NaN if none holds."""
     payload: Array
-    """(n,): further mass that holds [kg]; negative: mass that is too much; NaN without a frame of the payload."""
+    """(n,): mass that can be added [kg]; if negative, mass that is too much; NaN without a frame of the payload."""
     friction: Array
     """(n,): least coefficient of friction that holds, the largest of all contacts; inf if friction does not suffice."""
     zmp: Array
@@ -62,44 +62,46 @@ class Support:
     zmp_margin: Array
     """(n,): distance of the zero moment point from the edge of the support polygon, negative outside [m]."""
     motion: Array
-    """(n, nv) or (n, 6): motion that no contact resists, largest entry 1; NaN where it holds."""
+    """(n, nv) for robots, (n, 6) for one body: motion that no contact resists, largest entry 1; NaN where it holds."""
     power: Array
     """(n,): power of the load in that motion [W]; NaN where it holds."""
     contacts: tuple[Contact, ...]
     """Contacts as given."""
     least_norm: Array
-    """(n,) of bool: True where ``forces`` are those of least norm. False where it does not hold, and at the edge of what holds,
-    where other forces that balance may be smaller."""
+    """(n,) of bool: True if ``forces`` are those of least norm. False if it does not hold, and for loads that only just hold:
+    smaller forces may then balance."""
 
     @property
     def worst(self) -> int:
         """Row with the least factor of the speed; if poses cannot be held even at rest, the first of these rows."""
         fails_at_rest = ~self.holds & np.isnan(self.speed)
         if fails_at_rest.any():
-            return int(np.argmax(fails_at_rest))
-        return int(np.argmin(np.where(np.isnan(self.speed), np.inf, self.speed)))
+            return int(np.argmax(fails_at_rest))  # the first
+        known_speeds = np.where(np.isnan(self.speed), np.inf, self.speed)
+        return int(np.argmin(known_speeds))
 
     def __repr__(self) -> str:
         return f"Support: {self}"
 
     def __str__(self) -> str:
         if not self.decided.all():
-            return f"undecided at {int((~self.decided).sum())} of {len(self.holds)} rows"
-        max_speed = float(self.speed[self.worst])
+            undecided_count = int((~self.decided).sum())
+            return f"undecided at {undecided_count} of {len(self.holds)} rows"
+        max_speed = float(self.speed[self.worst])  # factor of the speed
         if not self.holds.all():
-            first = int(np.argmin(self.holds))
+            first_failure = int(np.argmin(self.holds))
             margin = "" if np.isnan(max_speed) else f"; it holds up to {number(max_speed, 3)} × this speed"
-            return f"{self.how[first]} at row {first} of {len(self.holds)}{margin}"
+            return f"{self.how[first_failure]} at row {first_failure} of {len(self.holds)}{margin}"
         needed_friction = float(self.friction.max(initial=0.0))
-        further_mass = float(self.payload.min(initial=np.inf))
+        additional_mass = float(self.payload.min(initial=np.inf))
         text = "holds without friction"
         if needed_friction > 0:
             text = f"holds with friction {number(needed_friction, 3)}"
         margins = []
         if np.isfinite(max_speed):
             margins.append(f"up to {number(max_speed, 3)} × this speed")
-        if np.isfinite(further_mass):
-            margins.append(f"{number(further_mass, 3)} kg more")
+        if np.isfinite(additional_mass):
+            margins.append(f"{number(additional_mass, 3)} kg more")
         if margins:
             text += f", {' or '.join(margins)}"
         return text
@@ -161,8 +163,8 @@ def support(
     refuse_loops(robot, "support")
     refuse_couplings(require_robot(robot, "support").model, "support")
     contacts = contacts_of(contacts)
-    free = floating_entries(robot)
-    if not free.any():
+    is_base = floating_entries(robot)  # mask (nv,) of the velocities of the free base
+    if not is_base.any():
         raise ValueRangeError(
             f"the base of robot {robot.name!r} is fixed, so that contacts carry nothing. Load it with floating_base=True."
         )
@@ -172,22 +174,29 @@ def support(
     maps, points = contact_maps(robot, q, contacts)
     load_per_kilogram = None
     if payload_frame is not None:
-        loaded = robot.with_payload(SpatialInertia.from_com(1.0, payload_com), payload_frame)
-        load_per_kilogram = (_torques(loaded, q, dq, ddq, wrench_on_robot) - tau)[:, free]
-    is_moment = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
+        robot_with_kilogram = robot.with_payload(SpatialInertia.from_com(1.0, payload_com), payload_frame)
+        tau_with_kilogram = _torques(robot_with_kilogram, q, dq, ddq, wrench_on_robot)
+        load_per_kilogram = (tau_with_kilogram - tau)[:, is_base]
+    turns = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)
     balance = Balance(
-        contacts, maps[:, free], tau[:, free], holding_torques[:, free], load_per_kilogram, is_moment, in_contact
+        contacts,
+        maps[:, is_base],
+        tau[:, is_base],
+        holding_torques[:, is_base],
+        load_per_kilogram,
+        turns[is_base],
+        in_contact,
     )
     solution = balance.solve()
     if limits is not None:
-        effort = np.where(free, np.inf, effort_limits(robot, limits))
-        forces, least_norm = balance.forces_within(solution.forces, solution.least_norm, maps, tau, effort)
+        max_torques = np.where(is_base, np.inf, effort_limits(robot, limits))
+        forces, least_norm = balance.forces_within(solution.forces, solution.least_norm, maps, tau, max_torques)
         solution = replace(solution, forces=forces, least_norm=least_norm)
     motion = np.full((len(q), robot.nv), np.nan)
     motion[~solution.holds] = 0.0
-    motion[:, free] = solution.motion
+    motion[:, is_base] = solution.motion
     torques = tau - np.einsum("nvck,nck->nv", maps, solution.forces)
-    torques[:, free] = 0.0
+    torques[:, is_base] = 0.0
     torques[~solution.holds] = np.nan
     zmp, zmp_margin = zero_moment_point(balance, points, _wrench_at_base(robot, q, tau))
     return _support_of_solution(solution, balance, torques, motion, zmp, zmp_margin)
@@ -254,28 +263,31 @@ def _wrench_maps(points: Array) -> Array:
 
 
 def _balancing_load(F: Array, wrench: ArrayLike | None, name: str) -> Array | None:
-    """Load (n, 6) that balances a further wrench on the body, one for all wrenches F (n, 6) or one for each."""
+    """Load (n, 6) that balances another ``wrench`` on the body, (6,) or one for each row of F (n, 6); None for None."""
     if wrench is None:
         return None
     array = arguments.finite(wrench, name, 6)
-    if array.ndim > 2 or (array.ndim == 2 and len(array) not in (1, len(F))):
+    has_wrong_count = array.ndim == 2 and len(array) not in (1, len(F))
+    if array.ndim > 2 or has_wrong_count:
         raise ShapeError(f"{name} has the shape {array.shape}. Give (6,) or {F.shape}, as the wrenches.")
     return -np.broadcast_to(array, F.shape)
 
 
 def _state_rows(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Array, Array, Array]:
     """Checked states as rows (n, nq), (n, nv) and (n, nv); a single row is repeated."""
-    rows = []
+    arrays = []
     for name, values, width in (("q", q, robot.nq), ("dq", dq, robot.nv), ("ddq", ddq, robot.nv)):
-        rows.append(np.atleast_2d(np.asarray(arguments.finite(values, f"support: {name}", width), float)))
-    counts = {len(x) for x in rows} - {1}
-    if len(counts) > 1 or any(x.ndim != 2 for x in rows):
+        finite_values = arguments.finite(values, f"support: {name}", width)
+        arrays.append(np.atleast_2d(np.asarray(finite_values, float)))
+    row_counts = {len(array) for array in arrays} - {1}
+    if len(row_counts) > 1 or any(array.ndim != 2 for array in arrays):
+        q_shape, dq_shape, ddq_shape = (array.shape for array in arrays)
         raise ShapeError(
-            f"support takes rows of states, got q {rows[0].shape}, dq {rows[1].shape}, ddq {rows[2].shape}. Give (n, nq), "
+            f"support takes rows of states, got q {q_shape}, dq {dq_shape}, ddq {ddq_shape}. Give (n, nq), "
             "(n, nv) and (n, nv)."
         )
-    n = max(counts, default=1)
-    q, dq, ddq = (np.broadcast_to(x, (n, x.shape[1])) for x in rows)
+    n = max(row_counts, default=1)
+    q, dq, ddq = (np.broadcast_to(array, (n, array.shape[1])) for array in arrays)
     return q, dq, ddq
 
 
@@ -285,11 +297,11 @@ def _torques(robot: Robot, q: Array, dq: Array, ddq: Array, wrench_on_robot: Map
 
 
 def _wrench_at_base(robot: Robot, q: Array, tau: Array) -> Array | None:
-    """Wrench (n, 6) that contacts give to a floating root, about the base origin; None for other roots."""
-    undriven = [body for body in robot.model.leaders if not body.joint.driven]
-    if len(undriven) != 1 or undriven[0].joint.nv != 6:
+    """Wrench (n, 6) that contacts exert on a floating root, about the base origin; None for other roots."""
+    undriven_bodies = [body for body in robot.model.leaders if not body.joint.driven]
+    if len(undriven_bodies) != 1 or undriven_bodies[0].joint.nv != 6:
         return None
-    root = undriven[0]
+    root = undriven_bodies[0]
     T = np.asarray(robot.forward_kinematics(q, root.link))
     R, p = T[:, :3, :3], T[:, :3, 3]
     _, velocities = root.places
@@ -302,7 +314,7 @@ def _wrench_at_base(robot: Robot, q: Array, tau: Array) -> Array | None:
 def _support_of_solution(
     solution: BalanceSolution, balance: Balance, torques: Array, motion: Array, zmp: Array, zmp_margin: Array
 ) -> Support:
-    """Result with the fields of a solution and of what was evaluated from it."""
+    """Result with the fields of a solution, and with arrays that were computed from it."""
     return Support(
         holds=solution.holds,
         decided=solution.decided,
@@ -340,11 +352,15 @@ def force_shares(wrenches: ArrayLike, contacts: Sequence[Contact]) -> Array:
     load = -np.atleast_2d(arguments.finite(wrenches, "wrenches (m, f)", 6))
     n = len(load)
     points = np.array([c.point for c in contacts])
-    size = float(np.abs(points).max(initial=0.0)) or 1.0
-    units = np.r_[np.full(3, size), np.ones(3)]  # moments are divided by a length, so that all rows count alike
+    length = float(np.abs(points).max(initial=0.0))
+    if length == 0.0:
+        length = 1.0
+    units = np.r_[np.full(3, length), np.ones(3)]  # moments are divided by a length, so that all rows count alike
     maps = _wrench_maps(points) / units[:, None, None]
     cones, bounds = cones_of(contacts, n)
-    growing = replace(bounds, most=np.zeros_like(bounds.most), rate=bounds.most)  # bounds in proportion to the factor s
+    bounds_by_factor = replace(
+        bounds, most=np.zeros_like(bounds.most), rate=bounds.most
+    )  # proportional to the factor s
     preloads = np.array([c.pull for c in contacts])
     pulls = np.einsum("mck,ck->m", maps, preloads[:, None] * cones.normals)
     optimum = cone_programme(
@@ -352,7 +368,7 @@ def force_shares(wrenches: ArrayLike, contacts: Sequence[Contact]) -> Array:
         np.broadcast_to(maps, (n, *maps.shape)),
         load / units,
         np.broadcast_to(pulls, (n, 6)),
-        bounds=growing,
+        bounds=bounds_by_factor,
         sense="least",
     )
     factors = np.where(np.isnan(optimum.s), np.inf, optimum.s)

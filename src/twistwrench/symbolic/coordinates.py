@@ -26,25 +26,28 @@ class Variable:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """Coordinate: symbol, meaning, and True for an angle."""
+    """Generalized coordinate of a robot."""
 
     name: str
+    """Symbol, such as theta_1."""
     angle: bool
+    """True for an angle."""
     meaning: str
+    """Noun with the name of the joint and the unit."""
 
     @property
     def rate(self) -> str:
-        """Symbol of its rate."""
+        """Symbol of the rate."""
         return rate_symbol(self.name)
 
     @property
     def acceleration(self) -> str:
-        """Symbol of its second derivative."""
+        """Symbol of the second derivative."""
         return rate_symbol(self.name, "ddot")
 
 
 def rate_symbol(name: str, mark: str = "dot") -> str:
-    """Symbol of a rate: theta_1 → thetadot_1, x → xdot.
+    """Symbol of a rate, theta_1 → thetadot_1, x → xdot, or of another derivative by its ``mark``.
 
     >>> rate_symbol("theta_1"), rate_symbol("x", "ddot")
     ('thetadot_1', 'xddot')
@@ -64,7 +67,7 @@ def variable_names(coordinates: Iterable[Coordinate | Variable]) -> tuple[list[s
 
 
 def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
-    """Coordinates in the order of q. Their symbols have the number of the joint, where followers do not count."""
+    """Coordinates in the order of q. Their symbols have the number of the joint, counted from 1 without followers."""
     coordinates = []
     for number, body in enumerate(model.leaders, 1):
         for entry in body.joint.chart:
@@ -77,9 +80,11 @@ def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
 def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Array, Array, Array]:
     """The robot's q (nq,), dq and ddq (nv,) of a state in these coordinates, and N (nv, nv) with dq = N du.
 
-    The state is u, du and ddu, (nv,) each. Torques that belong to the coordinates u are N' tau.
+    The state is u, du and ddu, (nv,) each. Torques in the coordinates u are N' tau.
     """
-    q, dq, ddq = model.neutral, np.zeros(model.nv), np.zeros(model.nv)
+    q = model.neutral
+    dq = np.zeros(model.nv)
+    ddq = np.zeros(model.nv)
     N = np.zeros((model.nv, model.nv))
     for body in model.leaders:
         q_slice, v_slice = body.places

@@ -3,8 +3,8 @@
 Kinematics works with any arithmetic: sums of products in :mod:`.trig_polynomial`, SymPy expressions, floats.
 
 The recursive algorithms are not used. Positions follow from the joints' placements and axes, and velocities are derivatives of
-positions. The kinetic energy is K = Σ ½ m v'v + ½ ω'I ω; the equations are derivatives of energies. Modern Robotics section
-8.1.
+positions. The kinetic energy is K = Σ ½ m v'v + ½ ω'I ω; the equations are derivatives of energies, as in Modern Robotics
+section 8.1.
 """
 
 from __future__ import annotations
@@ -47,44 +47,53 @@ def numbers_of(arithmetic: Arithmetic, entries: Any) -> Array:
 
 def joint_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
     """Pose of a body's frame in its parent's frame, R (3, 3) and p (3,); MR eq. 3.51 and 3.88."""
-    R_placement, p_placement = exact(body.placement[:3, :3]), numbers_of(arithmetic, entries.place)
-    joint, first = body.joint, body.v_index
+    R_placement = exact(body.placement[:3, :3])
+    p_placement = numbers_of(arithmetic, entries.place)
+    joint, first_coordinate = body.joint, body.v_index
     if not joint.moves_body:
-        R, p = exact(np.eye(3)), numbers_of(arithmetic, (Entry(0.0),) * 3)
+        no_motion = (Entry(0.0),) * 3
+        R, p = exact(np.eye(3)), numbers_of(arithmetic, no_motion)
     elif joint.nv == 1:
         R, p = _screw_motion(arithmetic, body, entries)
     else:
-        R, p = joint.chart_pose(chart_waves(arithmetic, body), lambda k: arithmetic.coordinate(first + k))
+        waves = chart_waves(arithmetic, body)
+        R, p = joint.chart_pose(waves, lambda k: arithmetic.coordinate(first_coordinate + k))
     return R_placement @ R, p_placement + R_placement @ p
 
 
 def chart_waves(arithmetic: Arithmetic, body: Body) -> CosineSine:
-    """Cosines and sines of the entries of a joint's chart."""
+    """Function that returns cosine and sine of an entry of a joint's chart."""
     return lambda k: arithmetic.cosine_sine(body.v_index + k, 1.0, 0.0)
 
 
 def _screw_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
     """R (3, 3) and p (3,) of a joint of one degree of freedom, from the point of its axis and its pitch."""
     w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
-    k, rate = body.v_index, float(np.linalg.norm(w))
-    if abs(rate - 1.0) < 1e-15:  # a unit vector up to rounding
+    k = body.v_index
+    rate = float(np.linalg.norm(w))  # angle for a unit of the coordinate
+    if abs(rate - 1.0) < _MAX_ROUNDING:
         rate = 1.0
     x = exact(body.ratio) * arithmetic.coordinate(k) + exact(body.offset)  # coordinate of this joint
     if rate == 0.0:
         return exact(np.eye(3)), exact(v) * x
     w = w / rate
     R = exact_rodrigues(w, *arithmetic.cosine_sine(k, rate * body.ratio, rate * body.offset))
-    point, pitch = numbers_of(arithmetic, entries.point), arithmetic.number(entries.pitch)
+    point = numbers_of(arithmetic, entries.point)
+    pitch = arithmetic.number(entries.pitch)
     return R, point - R @ point + exact(w) * (pitch * (exact(rate) * x))
 
 
+_MAX_ROUNDING = 1e-15
+"""Rounding error of a number near 1 or 0."""
 _ROUNDING_SHARE = 1e-14
-"""Terms below this share of an energy's largest coefficient are rounding errors of cancelled terms."""
+"""Share of an energy's largest coefficient below which terms are rounding errors of cancelled terms."""
+_MAX_MISALIGNMENT = 1e-12
+"""Largest difference of a cosine from ±1 at which axes count as parallel."""
 
 
 @dataclass(frozen=True, eq=False)
 class SymbolicMotion:
-    """Motion of all bodies as sums of products; (3,) each."""
+    """Motion of all bodies as sums of products; each array is (3,)."""
 
     positions: tuple[Array, ...]
     """Positions of the centres of mass in the base frame."""
@@ -94,15 +103,15 @@ class SymbolicMotion:
     """Angular velocities in body axes."""
 
     def products(self, inertias: Iterable[tuple[Entries, ...]]) -> int:
-        """Number of products of two terms in the kinetic energy."""
-        count = 0
+        """Number of products of two terms in the kinetic energy; ``inertias`` are the tensors (3, 3) of the bodies."""
+        product_count = 0
         for v, w, I in zip(self.velocities, self.turning, inertias, strict=True):
             for component in v:
-                count += len(component) ** 2
+                product_count += len(component) ** 2
             for row, column in np.ndindex(3, 3):
                 if I[row][column].value:
-                    count += len(w[row]) * len(w[column])
-        return count
+                    product_count += len(w[row]) * len(w[column])
+        return product_count
 
 
 class RingArithmetic:
@@ -124,22 +133,25 @@ class RingArithmetic:
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[TrigPolynomial, TrigPolynomial]:
         """Cosine and sine of ``rate`` times coordinate k plus ``offset``."""
-        multiples: list[Any] = [0] * len(self._angle_indices)
         multiple: Any = Fraction(rate)  # a float is a fraction, so sums of multiples are exact
         if multiple.denominator == 1:
             multiple = int(multiple)
-        multiples[self._angle_indices[self.coordinates[k].name]] = multiple
-        c, s = self.ring.wave("cos", multiples), self.ring.wave("sin", multiples)
+        multiples: list[Any] = [0] * len(self._angle_indices)
+        angle_index = self._angle_indices[self.coordinates[k].name]
+        multiples[angle_index] = multiple
+        c = self.ring.wave("cos", multiples)
+        s = self.ring.wave("sin", multiples)
         if not offset:
             return c, s
-        c_offset, s_offset = _without_round_off(np.cos(offset)), _without_round_off(np.sin(offset))
+        c_offset = _without_round_off(np.cos(offset))
+        s_offset = _without_round_off(np.sin(offset))
         return c * c_offset - s * s_offset, s * c_offset + c * s_offset
 
 
 def _without_round_off(x: float) -> float:
-    """Nearest integer if a cosine or sine equals it up to rounding, else the number itself."""
-    nearest = round(x)
-    return nearest if abs(x - nearest) < 1e-15 else x
+    """Nearest integer if a cosine or sine equals it up to rounding, otherwise the number itself."""
+    nearest_integer = round(x)
+    return nearest_integer if abs(x - nearest_integer) < _MAX_ROUNDING else x
 
 
 def ring_of(entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> Ring:
@@ -165,16 +177,18 @@ def motion_of(
     positions, velocities, angular_velocities = [], [], []
 
     def rates_of(array: Array) -> Array:
-        return np.asarray(np.frompyfunc(lambda x: _rate(x, coordinates, ring), 1, 1)(array))
+        """Derivatives of the entries with respect to time."""
+        rate_of_each = np.frompyfunc(lambda x: _rate(x, coordinates, ring), 1, 1)
+        return np.asarray(rate_of_each(array))
 
     zero = ring.number(0.0)
-    for body, numbers in zip(model.bodies, entries.bodies, strict=True):
-        R, p = joint_motion(arithmetic, body, numbers)
+    for body, body_entries in zip(model.bodies, entries.bodies, strict=True):
+        R, p = joint_motion(arithmetic, body, body_entries)
         if body.parent != BASE:
             R_parent, p_parent = poses[body.parent]
             R, p = R_parent @ R, p_parent + R_parent @ p
         poses.append((R, p))
-        centre = p + R @ numbers_of(arithmetic, numbers.com)
+        centre = p + R @ numbers_of(arithmetic, body_entries.com)
         if _max_terms(centre, ring) > max_position_terms or _max_terms(R.flat, ring) > max_rotation_terms:
             return None
         R = _sums(R, zero)
@@ -182,7 +196,7 @@ def motion_of(
         if not body.joint.moves_body:  # a rotor rotates, but its frame does not
             rate = ring.symbol(coordinates[body.v_index].rate)
             for axis, component in enumerate(body.joint.axes[0, :3]):
-                rotor_velocity[axis] = float(component) * arithmetic.number(numbers.ratio) * rate
+                rotor_velocity[axis] = float(component) * arithmetic.number(body_entries.ratio) * rate
         W = rates_of(R)
         if W.any():
             W = R.T @ W  # [ω_b] = R'Ṙ, MR eq. 3.33
@@ -196,7 +210,8 @@ def motion_of(
 
 def _sums(array: Array, zero: TrigPolynomial) -> Array:
     """Entries as sums of the ring; an entry that is a number becomes a constant sum."""
-    return np.asarray(np.frompyfunc(lambda x: zero + x, 1, 1)(array))
+    sum_of_each = np.frompyfunc(lambda x: zero + x, 1, 1)
+    return np.asarray(sum_of_each(array))
 
 
 def _max_terms(entries: Iterable[Any], ring: Ring) -> int:
@@ -213,7 +228,7 @@ def _rate(x: TrigPolynomial, coordinates: tuple[Coordinate, ...], ring: Ring) ->
 
 
 def spring_energies(model: Model, entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigPolynomial]:
-    """½ k (Σ weight · coordinate - rest)² of each spring."""
+    """Energies ½ k (Σ weight · coordinate - rest)² of the springs."""
     v_index = {body.joint.name: body.v_index for body in model.leaders}
     energies = []
     for spring, stiffness in zip(model.springs, entries.springs, strict=True):
@@ -225,7 +240,7 @@ def spring_energies(model: Model, entries: ModelEntries, arithmetic: RingArithme
 
 
 def drive_energies(entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigPolynomial]:
-    """½ J q̇² of each drive with its own inertia."""
+    """Energies ½ J q̇² of the drives that have an inertia of their own."""
     energies = []
     for k, J in enumerate(entries.armature):
         if J.value:
@@ -237,11 +252,12 @@ def drive_energies(entries: ModelEntries, arithmetic: RingArithmetic) -> list[Tr
 def energies(
     entries: ModelEntries, motion: SymbolicMotion, arithmetic: RingArithmetic
 ) -> tuple[list[TrigPolynomial], list[TrigPolynomial]]:
-    """K and P of every body by the formulas of MR section 8.1.2."""
+    """Kinetic energies K and potential energies P of the bodies, by the formulas of MR section 8.1.2."""
     gravity = numbers_of(arithmetic, entries.gravity)
     kinetic, potential = [], []
     for body, p, v, w in zip(entries.bodies, motion.positions, motion.velocities, motion.turning, strict=True):
-        m, I = arithmetic.number(body.mass), numbers_of(arithmetic, body.inertia)
+        m = arithmetic.number(body.mass)
+        I = numbers_of(arithmetic, body.inertia)
         K = (m * (v @ v) + w @ (I @ w)) * 0.5
         P = -1.0 * m * (gravity @ p)
         kinetic.append(K.without_dust(_ROUNDING_SHARE))
@@ -250,7 +266,7 @@ def energies(
 
 
 def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) -> Array:
-    """(n, n) integers: row j is the sum of angles θ_j ± θ_i ± … along the chain of parallel axes that ends with joint j."""
+    """Integers (n, n): row j has the signs of the sum θ_j ± θ_i ± … along the chain of parallel axes that ends with joint j."""
     sums = np.eye(len(ring.angles), dtype=int)
     for body in model.bodies:
         if body.parent == BASE or not _has_own_angle(body):
@@ -260,7 +276,7 @@ def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) 
             continue
         axis_in_parent = body.placement[:3, :3] @ body.joint.axes[0, :3]
         cosine = float(axis_in_parent @ parent.joint.axes[0, :3])
-        if abs(abs(cosine) - 1.0) < 1e-12:  # parallel or opposite
+        if abs(abs(cosine) - 1.0) < _MAX_MISALIGNMENT:  # parallel or opposite
             j = ring.angles.index(coordinates[body.v_index].name)
             i = ring.angles.index(coordinates[parent.v_index].name)
             sums[j] += int(np.sign(cosine)) * sums[i]
@@ -268,13 +284,13 @@ def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) 
 
 
 def _has_own_angle(body: Body) -> bool:
-    """True if a body's joint has one coordinate, an angle, that is not the leader's."""
+    """True if a body's joint has one coordinate, which is an angle and not the coordinate of another joint."""
     return not body.follows and body.joint.nv == 1 and bool(body.joint.axes[0, :3].any())
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Energies K and P as sums of products, and their derivatives that make up the equations."""
+    """Energies K and P as sums of products, and their derivatives, of which the equations consist."""
 
     ring: Ring
     coordinates: tuple[Coordinate | Variable, ...]

@@ -21,14 +21,15 @@ from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
 
 
 def symbols_of(value: Any, what: str) -> tuple[Any, ...]:
-    """Symbol, or several different symbols, as a tuple; raises ShapeError for other input."""
+    """Tuple of one symbol, or of several different symbols; raises ShapeError for other input. ``what`` names the argument."""
     symbols: tuple[Any, ...] = ()
     if isinstance(value, sympy.Symbol):
         symbols = (value,)
     elif isinstance(value, Sequence | sympy.MatrixBase | sympy.Tuple):
         symbols = tuple(value)
     all_are_symbols = all(isinstance(entry, sympy.Symbol) for entry in symbols)
-    if not symbols or not all_are_symbols or len(set(symbols)) < len(symbols):
+    are_different = len(set(symbols)) == len(symbols)
+    if not (symbols and all_are_symbols and are_different):
         raise ShapeError(
             f"{what}={value!r} are not different SymPy symbols. Write theta instead of theta(t): the rates are symbols of "
             "their own, theta, thetadot = sympy.symbols('theta thetadot')."
@@ -37,9 +38,9 @@ def symbols_of(value: Any, what: str) -> tuple[Any, ...]:
 
 
 def time_of(value: Any, moving: tuple[Any, ...]) -> Any:
-    """Symbol of time, None if there is none; raises ShapeError for other input, and for one of the ``moving`` symbols.
+    """Symbol of time; None if there is none.
 
-    ``moving`` are the coordinates and their rates.
+    ``moving`` are the coordinates and their rates. Raises ShapeError for one of these, and for other input.
     """
     if value is None:
         return None
@@ -51,7 +52,10 @@ def time_of(value: Any, moving: tuple[Any, ...]) -> Any:
 
 
 def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any) -> None:
-    """Raise ValueRangeError for a symbol that looks like a rate but is not listed, and for an L without kinetic energy."""
+    """Raise ValueRangeError for an L without kinetic energy, and for functions or symbols in L that must be an error.
+
+    Such symbols look like unlisted rates or like time, or have the name of another listed symbol.
+    """
     functions = L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative)
     if functions:
         raise ValueRangeError(
@@ -61,7 +65,9 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
     listed_symbols = {symbol.name: symbol for symbol in (*q, *dq)}
     if time is not None:
         listed_symbols[time.name] = time
-    namesakes, unlisted_rates, times = set[Any](), set[Any](), set[Any]()
+    namesakes: set[Any] = set()
+    unlisted_rates: set[Any] = set()
+    times: set[Any] = set()
     for symbol in L.free_symbols - set(listed_symbols.values()):
         if symbol.name in listed_symbols:
             namesakes.add(symbol)
@@ -93,6 +99,7 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
 
 
 def _symbols_text(symbols: Any) -> str:
+    """Names in alphabetical order."""
     return ", ".join(sorted(map(str, symbols)))
 
 
@@ -141,7 +148,8 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     check_lagrangian(L, coordinates, velocities, time_symbol)
     if time_symbol not in L.free_symbols:
         time_symbol = None
-    accelerations = tuple(sympy.Symbol(rate_symbol(coordinate.name, "ddot")) for coordinate in coordinates)
+    acceleration_names = [rate_symbol(coordinate.name, "ddot") for coordinate in coordinates]
+    accelerations = tuple(map(sympy.Symbol, acceleration_names))
     sum_of_products = None
     if time_symbol is None:
         sum_of_products = _read_sum_of_products(L, coordinates, velocities, accelerations)
@@ -149,8 +157,10 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
         fields = _differentiate(L, coordinates, velocities, accelerations, time_symbol)
     else:
         terms, expressions = sum_of_products
+        # Symbols named m… are masses, except mu…
         masses = [symbol for symbol in terms.ring.symbols if symbol.startswith("m") and not symbol.startswith("mu")]
-        fields = assemble_equations(terms, EquationWriter(terms.ring, masses=masses, expressions=expressions))
+        writer = EquationWriter(terms.ring, masses=masses, expressions=expressions)
+        fields = assemble_equations(terms, writer)
     lagrangian_step = Step("lagrangian", "as given", ((Label("L"), L),))
     fields = {**fields, "lagrangian": L, "steps": (lagrangian_step, *fields["steps"])}
     meanings = tuple((coordinate.name, "coordinate") for coordinate in coordinates)
@@ -158,7 +168,7 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
 
 
 def _expression(L: Any) -> Any:
-    """L as a SymPy expression; raises ShapeError for other input. Strings are rejected: SymPy would run them as Python."""
+    """L as a SymPy expression; raises ShapeError for other input, also for strings, which SymPy would run as Python."""
     if not isinstance(L, bool) and isinstance(L, Real):
         return sympy.sympify(L)
     if not isinstance(L, sympy.Expr) or L.is_Matrix:
@@ -170,9 +180,9 @@ def _expression(L: Any) -> Any:
 
 
 def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
-    """Symbols of the rates: given ones, or by the naming rule, those of L, which may have assumptions."""
+    """Symbols of the rates: those given, or those with names by the naming rule."""
     if rates is None:
-        symbols_by_name = {symbol.name: symbol for symbol in L.free_symbols}
+        symbols_by_name = {symbol.name: symbol for symbol in L.free_symbols}  # may have assumptions, as real=True
         velocities = []
         for coordinate in coordinates:
             name = rate_symbol(coordinate.name)
@@ -188,12 +198,13 @@ def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
 def _read_sum_of_products(
     L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...]
 ) -> tuple[Terms, Mapping[str, Any]] | None:
-    """L as a sum of products, and the expression of each symbol of its ring; None if L does not have that form."""
+    """L as a sum of products, and the SymPy expression of each symbol of its ring by name; None if L has another form."""
     atoms: dict[Any, str] = {symbol: symbol.name for symbol in (*q, *dq, *ddq)}
     has_form = _collect_atoms(L, {*q, *dq}, atoms)
-    if not has_form or len(set(atoms.values())) < len(atoms):  # two symbols may have one name
+    have_different_names = len(set(atoms.values())) == len(atoms)
+    if not has_form or not have_different_names:
         return None
-    if _degree(L, atoms) > HIGHEST - _EXPONENT_INCREASE:
+    if _max_exponent(L, atoms) > HIGHEST - _EXPONENT_INCREASE:
         return None
     names, rates, accelerations = names_of(q), names_of(dq), names_of(ddq)
     ring = Ring(list(atoms.values()), names, exact=True)
@@ -207,13 +218,15 @@ def _read_sum_of_products(
         degree_in_rates = sum(ring.exponents(monomial).values())
         if degree_in_rates > 2:
             return None
-    return terms, dict(zip(atoms.values(), atoms, strict=True))
+    expressions = {symbol: expr for expr, symbol in atoms.items()}
+    return terms, expressions
 
 
 def _collect_atoms(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
-    """Add to ``atoms`` the constants in which an expression is polynomial, each with a name; False if it is not polynomial.
+    """Add the constants of an expression to ``atoms``, each with a name; False if the expression is not polynomial in them.
 
-    Constants are symbols, and subexpressions without ``moving`` symbols that are not polynomial, such as √(1 + a).
+    Constants are symbols, and subexpressions without ``moving`` symbols that are not polynomial, such as √(1 + a). Sines and
+    cosines of ``moving`` symbols count as polynomial.
     """
     if expr.is_Rational or expr in atoms:
         return True
@@ -222,29 +235,32 @@ def _collect_atoms(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
         return True
     if expr.is_Add or expr.is_Mul:
         return all(_collect_atoms(operand, moving, atoms) for operand in expr.args)
-    if expr.is_Pow and expr.exp.is_Integer and 0 < expr.exp < 8:
+    if expr.is_Pow and expr.exp.is_Integer and 0 < expr.exp <= _MAX_POWER:
         return _collect_atoms(expr.base, moving, atoms)
-    if expr.func.__name__ in ("sin", "cos") and expr.free_symbols & moving:
-        return True
-    if not expr.free_symbols & moving:
+    is_constant = not expr.free_symbols & moving
+    if is_constant:
         atoms[expr] = f"constant{len(atoms)}"
         return True
-    return False
+    return expr.func.__name__ in ("sin", "cos")
+
+
+_MAX_POWER = 7
+"""Largest exponent that is multiplied out."""
 
 
 _EXPONENT_INCREASE = 4
 """Upper bound of the increase of exponents by Lagrange's equations: c multiplies by two rates, d/dt ∂L/∂q̇ by one."""
 
 
-def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
-    """Upper bound of the exponents of L after expansion."""
+def _max_exponent(expr: Any, atoms: Mapping[Any, str]) -> int:
+    """Upper bound of the exponents of an expression after expansion."""
     if expr in atoms:
         return 1
     if expr.is_Add or expr.is_Mul:
-        degrees = [_degree(operand, atoms) for operand in expr.args]
-        return max(degrees) if expr.is_Add else sum(degrees)
+        exponents = [_max_exponent(operand, atoms) for operand in expr.args]
+        return max(exponents) if expr.is_Add else sum(exponents)
     if expr.is_Pow:
-        return int(expr.exp) * _degree(expr.base, atoms)
+        return int(expr.exp) * _max_exponent(expr.base, atoms)
     return 0
 
 
@@ -262,10 +278,10 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
             return math.prod(map(read, expr.args), start=ring.number(1))
         if expr.is_Pow:
             return math.prod([read(expr.base)] * int(expr.exp), start=ring.number(1))
-        return wave(expr)
+        return read_sine_or_cosine(expr)
 
-    def wave(expr: Any) -> TrigPolynomial:
-        angle = expr.args[0]
+    def read_sine_or_cosine(expr: Any) -> TrigPolynomial:
+        (angle,) = expr.args
         multiples = [sympy.Poly(angle, *q).coeff_monomial(coordinate) for coordinate in q]
         remainder = sympy.expand(angle - weighted_sum(multiples, q))
         if remainder != 0 or not all(multiple.is_Integer for multiple in multiples):
@@ -279,7 +295,8 @@ def _differentiate(
     L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...], time: Any = None
 ) -> dict[str, Any]:
     """Fields of the equations by SymPy's derivatives; ``time`` is None if L does not depend on it."""
-    n, matrix = len(q), sympy.ImmutableMatrix
+    n = len(q)
+    matrix = sympy.ImmutableMatrix
     momenta = list(map(L.diff, dq))  # ∂L/∂q̇
     slopes = list(map(L.diff, q))  # ∂L/∂q
     M = matrix(n, n, lambda i, j: sympy.expand(momenta[i].diff(dq[j])))
@@ -288,7 +305,8 @@ def _differentiate(
             "L is not a polynomial of degree two in the rates, so its equations have no mass matrix of the coordinates alone. "
             "Use kinetic energies ½ q̇'M q̇."
         )
-    momentum_rates, explicit_time = [], []
+    momentum_rates = []
+    explicit_time = []  # label and expression of each ∂/∂t of a momentum that is not zero
     for momentum, rate in zip(momenta, dq, strict=True):
         chain_rule = []
         for x, v, a in zip(q, dq, ddq, strict=True):
@@ -301,15 +319,16 @@ def _differentiate(
         momentum_rates.append(sympy.Add(explicit_rate, *chain_rule))
     gamma = _christoffel_symbols(M, q)
     C = matrix(n, n, lambda i, j: weighted_sum(gamma[i, j], dq))
-    at_rest = dict.fromkeys(dq, 0)
+    zero_rates = dict.fromkeys(dq, 0)
     c, g, tau = [], [], []
     is_standard = True  # τ = M q̈ + c + g
     for i in range(n):
         c.append(sympy.expand(weighted_sum(C.row(i), dq)))
-        g.append(-slopes[i].subs(at_rest))
-        tau.append(sympy.collect(sympy.expand(momentum_rates[i] - slopes[i]), (*ddq, *dq)))
-        standard_terms = sympy.Add(weighted_sum(M.row(i), ddq), c[i], g[i])
-        is_standard &= bool(sympy.expand(tau[i] - standard_terms) == 0)
+        g.append(-slopes[i].subs(zero_rates))
+        torque = sympy.expand(momentum_rates[i] - slopes[i])
+        tau.append(sympy.collect(torque, (*ddq, *dq)))
+        standard_torque = sympy.Add(weighted_sum(M.row(i), ddq), c[i], g[i])
+        is_standard &= bool(sympy.expand(tau[i] - standard_torque) == 0)
     fields = equation_fields(
         names_of(q), names_of(dq), M, gamma, C, matrix(c), matrix(g), matrix(tau), momenta, momentum_rates, slopes,
         explicit_time=explicit_time,
@@ -318,9 +337,9 @@ def _differentiate(
 
 
 def _christoffel_symbols(M: Any, q: tuple[Any, ...]) -> Any:
-    """Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j - ∂M_jk/∂q_i) of a mass matrix, an ImmutableDenseNDimArray (n, n, n)."""
+    """Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j - ∂M_jk/∂q_i) of a mass matrix M: an ImmutableDenseNDimArray (n, n, n)."""
     n = len(q)
-    dM = np.empty((n, n, n), object)
+    dM = np.empty((n, n, n), object)  # ∂M_ij/∂q_k
     for i, j, k in np.ndindex(n, n, n):
         dM[i, j, k] = M[i, j].diff(q[k])
     half = sympy.Rational(1, 2)

@@ -12,14 +12,14 @@ from ..core.typing import Array
 from ..robot import Robot
 
 _STEPS_FROM_ZERO = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
-"""Places t / h of the six values, and next their weights in h df/dt: central differences of order six."""
+"""Times t / h of the six values of central differences of order six."""
 _STEP_WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
+"""Weights of these values in h df/dt."""
 STEP = 0.01
-"""Step of finite differences.
+"""Step of finite differences, for functions that vary with rate 1.
 
-For a function that varies with rate 1, such as sin t, the sixth-order error is STEP⁶/140 = 1e-14.
-The rounding error of six values divided by STEP is also about 1e-14. Dynamics depends on sums of joint angles, which
-raises the error to about 1e-12."""
+For sin t, the error of order six is STEP⁶/140 = 1e-14. The rounding error of six values divided by STEP is also about 1e-14.
+Dynamics depends on sums of joint angles, which raises the error to about 1e-12."""
 
 
 def derivative(function: Callable[[Array], ArrayLike], rate: float = 1.0) -> Array:
@@ -40,7 +40,8 @@ def derivative(function: Callable[[Array], ArrayLike], rate: float = 1.0) -> Arr
     1.0
     """
     h = STEP / rate  # a fast function takes a small step
-    return np.tensordot(_STEP_WEIGHTS, np.asarray(function(h * _STEPS_FROM_ZERO), float), axes=1) / h
+    values = np.asarray(function(h * _STEPS_FROM_ZERO), float)
+    return np.tensordot(_STEP_WEIGHTS, values, axes=1) / h
 
 
 def derivative_along(robot: Robot, function: Callable[[Array], ArrayLike], q: ArrayLike, v: ArrayLike) -> Array:
@@ -49,7 +50,7 @@ def derivative_along(robot: Robot, function: Callable[[Array], ArrayLike], q: Ar
     Parameters
     ----------
     function : takes batches of q
-    v : (..., nv) array_like, directions; the identity (nv, nv) gives the derivatives along each joint, first axis
+    v : (..., nv) array_like, directions; for the identity (nv, nv), the first axis of the slope counts the joints
 
     Returns
     -------

@@ -29,17 +29,19 @@ from .paths import JointPath, follow_poses, joint_line, spline
 from .trajectory import Trajectory, fitted
 
 Paths: TypeAlias = Literal["joint", "line", "screw"]
-"""Straight line of the joints, straight line of the tip, or its screw."""
+"""Straight line of the joints, straight line of the tip, or screw motion of the tip."""
 Scalings: TypeAlias = Literal["quintic", "cubic", "trapezoid", "s-curve"]
 """Time scalings along the path."""
 SAMPLES = 2001
 """Number of times at which a motion is judged."""
 _MAX_LISTED_NAMES = 12
 """Largest number of columns that a message names."""
+_PEAK_SPEED_OF_TRAPEZOID = 1.5
+"""Largest speed of a trapezoidal scaling of one second [1/s]."""
 
 
 def check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, path: str, scaling: str) -> None:
-    """Raise ValueRangeError if the end is missing, or two arguments contradict each other."""
+    """Raise ValueRangeError if the end of the motion is missing, a name is unknown, or two arguments contradict each other."""
     if path not in get_args(Paths):
         raise ValueRangeError(f"path is {path!r}. Give 'joint', 'line' or 'screw'.")
     if scaling not in get_args(Scalings):
@@ -63,9 +65,9 @@ def check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, pat
 def path_and_trouble(
     robot: Robot, q0: Array, q1: Array, by: ArrayLike | None, between: Array | None, path: str
 ) -> tuple[JointPath | None, PathError | None]:
-    """Requested path from q0 (nq,) to q1 (nq,), or by a vector ``by`` (3,) of the tip [m]; ``between`` are waypoints (n, nq).
+    """Requested path from q0 (nq,), and None; if the path ends early, its feasible part (None if there is none) and the error.
 
-    If the path ends early, its feasible part is returned with the error.
+    The path ends at q1 (nq,), or where the tip has moved by a vector ``by`` (3,) [m]. ``between`` are waypoints (n, nq).
     """
     if between is not None:
         return spline(robot, np.concatenate([[q0], between, [q1]])), None
@@ -73,8 +75,9 @@ def path_and_trouble(
         return joint_line(robot, q0, q1), None
     start_pose = robot.forward_kinematics(q0)
     if by is not None:
+        displacement = arguments.one(arguments.finite(by, "by", 3), "by", 3)
         end_pose = start_pose.copy()
-        end_pose[:3, 3] += arguments.one(arguments.finite(by, "by", 3), "by", 3)
+        end_pose[:3, 3] += displacement
         poses = straight_path(start_pose, end_pose)
     elif path == "line":
         poses = straight_path(start_pose, robot.forward_kinematics(q1))
@@ -110,7 +113,7 @@ def time_path(
         "quintic": quintic(1.0),
         "cubic": cubic(1.0),
         "s-curve": s_curve(1.0),
-        "trapezoid": trapezoid(v=1.5, duration=1.0),
+        "trapezoid": trapezoid(v=_PEAK_SPEED_OF_TRAPEZOID, duration=1.0),
     }
     unit_scaling = unit_scalings[scaling]
     if duration is not None:
@@ -121,19 +124,20 @@ def time_path(
 
 
 def read_waypoints(robot: Robot, source: str | Path | ArrayLike, *, degrees: bool) -> Array:
-    """Configurations (n, nq) of a file or an array, in rad and m; ``degrees``: angles there are in degrees."""
+    """Configurations (n, nq) of a file or an array, in rad and m; if ``degrees``, angles in the source are in degrees."""
     is_angle = Coordinates.from_model(robot.model).angular
-    unit = np.where(is_angle & degrees, math.radians(1.0), 1.0)
+    units = np.where(is_angle & degrees, math.radians(1.0), 1.0)
     if isinstance(source, str | Path):
-        return _waypoints_of_file(robot, source) * unit
-    rows = arguments.finite(source, "waypoints", robot.nq, names=robot.coordinate_names)
-    return np.atleast_2d(np.asarray(rows, float)) * unit
+        return _waypoints_of_file(robot, source) * units
+    waypoints = arguments.finite(source, "waypoints", robot.nq, names=robot.coordinate_names)
+    return np.atleast_2d(np.asarray(waypoints, float)) * units
 
 
 def _waypoints_of_file(robot: Robot, file: str | Path) -> Array:
-    """Rows (n, nq) of a file, in its units."""
+    """Configurations (n, nq) of a file, in its units."""
     names = robot.coordinate_names
-    form = f"the columns {', '.join(names[:_MAX_LISTED_NAMES])}, each once, and at least one row"
+    listed_names = ", ".join(names[:_MAX_LISTED_NAMES])
+    form = f"the columns {listed_names}, each once, and at least one row"
     with table_errors(file, "waypoint file", form):
         table = CsvFile.open(file)
         if sorted(table.header) != sorted(names):
@@ -147,12 +151,13 @@ def _waypoints_of_file(robot: Robot, file: str | Path) -> Array:
 def can_stand(robot: Robot, path: JointPath, bounds: Limits) -> bool:
     """True if the torque limits suffice to stand still everywhere on the path."""
     q, _, _ = path(np.linspace(0.0, 1.0, SAMPLES))
-    shares = np.abs(motor_torques(robot.model, robot.holding_torques(q))) / bounds.effort
+    holding_torques = motor_torques(robot.model, robot.holding_torques(q))
+    shares = np.abs(holding_torques) / bounds.effort
     return not bool(over_limit(shares).any())
 
 
 def untimed_verdict(problem: PathError, robot: Robot, *, can_stand: bool) -> tuple[Word, PathError]:
-    """First word and reason for a path without a timing.
+    """Word of the verdict and reason for a path without a timing.
 
     If nothing holds the base of a legged robot, its torques are uncertain: the word is UNSURE instead of OVER LIMIT.
     """
@@ -161,14 +166,18 @@ def untimed_verdict(problem: PathError, robot: Robot, *, can_stand: bool) -> tup
     doubts = base_doubts(robot.model)
     if not doubts:
         return Word.OVER_LIMIT, problem
-    return Word.UNSURE, PathError("; ".join([*doubts, hanging_excess(str(problem))]))
+    reasons = [*doubts, hanging_excess(str(problem))]
+    return Word.UNSURE, PathError("; ".join(reasons))
 
 
 def certain_violations(violations: tuple[Violation, ...], robot: Robot) -> tuple[tuple[Violation, ...], list[str]]:
-    """Violations that are certain although nothing holds a legged robot's base, and doubts about this base and its torques."""
+    """Violations that are certain, and doubts.
+
+    If nothing holds the base of a legged robot, violations of torques are not certain: the first of them becomes a doubt.
+    """
     doubts = base_doubts(robot.model)
     if not doubts:
         return violations, []
-    other_violations = tuple(v for v in violations if v.kind != "torque")
-    torque_doubts = [hanging_excess(str(v)) for v in violations if v.kind == "torque"]
-    return other_violations, [*doubts, *torque_doubts[:1]]
+    certain = tuple(violation for violation in violations if violation.kind != "torque")
+    torque_doubts = [hanging_excess(str(violation)) for violation in violations if violation.kind == "torque"]
+    return certain, [*doubts, *torque_doubts[:1]]

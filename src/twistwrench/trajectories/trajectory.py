@@ -1,4 +1,4 @@
-"""Trajectory: a path with its time scaling, and limit violations. Modern Robotics section 9.1."""
+"""Trajectory of a path with a time scaling, and limits that it violates. Modern Robotics section 9.1."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def violations(
 
     Parameters
     ----------
-    trajectory : Trajectory or Motion, at its own samples
-    friction : bool, optional, count joint friction; None: if the motion was planned with it
+    trajectory : Trajectory or Motion; a motion is checked at its own samples
+    friction : bool, optional, count joint friction; None: if the motion was planned with friction
     samples : int, number of samples of a trajectory
 
     Examples
@@ -54,7 +54,8 @@ def violations(
     shoulder_pan_joint: velocity 5 beyond 3.1416 rad/s at 0.15 s
     """
     require_robot(robot, "violations")
-    if not hasattr(trajectory, "sample") or isinstance(trajectory, type):
+    is_sampled = not hasattr(trajectory, "sample") or isinstance(trajectory, type)
+    if is_sampled:
         motion = getattr(trajectory, "motion", trajectory)  # a simulation's result has a motion
         if not isinstance(motion, Motion):
             raise ValueRangeError(
@@ -67,7 +68,8 @@ def violations(
     t = np.linspace(0.0, trajectory.duration, samples)
     q, dq, ddq = trajectory(t)
     check = LimitCheck(robot.model, bounds_or_own(robot, bounds))
-    check.add(t, q, dq, ddq, required_torques(robot, t, q, dq, ddq, friction=friction))
+    torques = required_torques(robot, t, q, dq, ddq, friction=friction)
+    check.add(t, q, dq, ddq, torques)
     if samples > 2 and trajectory.duration > 0:
         check.add_jerk(t, ddq)
     check.add_dynamics(robot, t, q, dq, ddq)
@@ -75,7 +77,7 @@ def violations(
 
 
 def required_torques(robot: Robot, t: Array, q: Array, dq: Array, ddq: Array, *, friction: bool) -> Array:
-    """Torques (n, nv) of a whole motion at times (n,); friction at its ends is that just inside."""
+    """Torques (n, nv) of a whole motion at times (n,), with friction at the ends as just inside."""
     dq = velocities_inside(t, dq, ddq, t[0], t[-1])
     return np.asarray(robot.inverse_dynamics(q, dq, ddq, friction=friction))
 
@@ -83,20 +85,29 @@ def required_torques(robot: Robot, t: Array, q: Array, dq: Array, ddq: Array, *,
 def positions_passed(robot: Robot, s: Array, q: Array, bounds: Limits) -> tuple[Violation, ...]:
     """Position limits that configurations (n, nq) exceed; ``s`` (n,) replaces the time."""
     check = LimitCheck(robot.model, bounds)
-    check.add(s, q, np.zeros((len(s), robot.nv)))
+    at_rest = np.zeros((len(s), robot.nv))
+    check.add(s, q, at_rest)
     return check.violations()
 
 
 # ── Trajectory: path and time scaling
 
 _FIRST_SAMPLES = 2001
-"""Initial number of samples of a motion; later samples refine the largest peaks."""
+"""Initial number of samples of a motion; later samples refine the largest peaks of the shortest duration."""
 _REFINEMENTS = 3
 """Number of times that the peaks are refined."""
 _MAX_PEAKS = 8
 """Number of largest peaks that are refined each time."""
 _PARTS_PER_INTERVAL = 20
 """Number of parts into which a refinement splits the intervals on both sides of a peak."""
+_MAX_SAMPLES = 1e8
+"""Largest number of samples of a trajectory."""
+_SIDE_STEP = 1e-9
+"""Distance of s to either side of a knot at which the path is compared."""
+_SLOW_SPEED = 1e-9
+"""Motor speed at which friction is static [rad/s, m/s]."""
+_MIN_RESERVE = 1e-6
+"""Least share of an effort limit that standing still must leave."""
 
 
 class Scaling(Protocol):
@@ -121,16 +132,17 @@ class Trajectory(TrajectoryDoors):
     robot: Robot
     """Robot of the trajectory."""
     path: JointPath
-    """q(s)."""
+    """Path q(s), s from 0 to 1."""
     scaling: Scaling
-    """s(t)."""
+    """Time scaling s(t)."""
     friction: bool = field(default=False, kw_only=True)
-    """True if it was planned with joint friction, which :meth:`violations` then counts."""
+    """True if the trajectory was planned with joint friction, which :meth:`violations` then counts."""
 
     def __post_init__(self) -> None:
         require_robot(self.robot, "Trajectory")
         require_path(self.path, "Trajectory")
-        if not callable(self.scaling) or isinstance(self.scaling, type) or not hasattr(self.scaling, "duration"):
+        is_scaling = callable(self.scaling) and hasattr(self.scaling, "duration")
+        if not is_scaling or isinstance(self.scaling, type):
             raise ValueRangeError(
                 f"Trajectory: the scaling is {arguments.value_text(self.scaling)}: give one that "
                 "tw.trajectories.quintic, cubic, trapezoid or uniform makes."
@@ -148,7 +160,7 @@ class Trajectory(TrajectoryDoors):
         return float(self.scaling.duration)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """q (..., nq), dq and ddq (..., nv) at t (...) [s]; at rest at the ends before and after. MR eq. 9.1 to 9.3."""
+        """q (..., nq), dq and ddq (..., nv) at t (...) [s]; before and after, the robot rests at an end. MR eq. 9.1 to 9.3."""
         s, ds, dds = self.scaling(t)
         q, dq_ds, ddq_dds = self.path(s)
         ds, dds = ds[..., None], dds[..., None]
@@ -175,10 +187,10 @@ class Trajectory(TrajectoryDoors):
         [7.5, 0.0]
         """
         if self.path.third is None or not hasattr(self.scaling, "third"):
-            what = f"path {self.path.name!r}" if self.path.third is None else f"{self.scaling.name} timing"
+            without_third = f"path {self.path.name!r}" if self.path.third is None else f"{self.scaling.name} timing"
             raise ValueRangeError(
-                f"the {what} has no third derivative, so its jerk is not known: take the quintic or s-curve timing, a line, a "
-                "spline, or a JointPath with third=."
+                f"the {without_third} has no third derivative, so its jerk is not known: take the quintic or s-curve timing, a "
+                "line, a spline, or a JointPath with third=."
             )
         s, ds, dds = self.scaling(t)
         ds, dds = ds[..., None], dds[..., None]
@@ -198,13 +210,14 @@ class Trajectory(TrajectoryDoors):
         [0.0, 0.15625, 0.5, 0.84375, 1.0]
         """
         step = arguments.number(dt, "dt")
-        if not 0 < step < np.inf or self.duration / step > 1e8:
+        if not 0 < step < np.inf or self.duration / step > _MAX_SAMPLES:
             raise ValueRangeError(
                 f"dt is {printed(step)}: give a step [s] above zero, in which {printed(self.duration, 4)} s has at most 1e8."
             )
         n = int(np.floor(self.duration / step * (1 + 1e-12)))  # a duration of whole steps keeps its last one
         t = step * np.arange(n + 1)
-        if self.duration - t[-1] > 1e-9 * min(step, self.duration):  # more than rounding is left
+        remaining_time = self.duration - t[-1]
+        if remaining_time > 1e-9 * min(step, self.duration):  # more than rounding errors
             t = np.append(t, self.duration)
         t[-1] = min(t[-1], self.duration)
         return Motion(t, *self(t), robot=self.robot, in_seconds=True, friction=self.friction, plan=True)
@@ -214,7 +227,7 @@ class Trajectory(TrajectoryDoors):
 
         Parameters
         ----------
-        friction : bool, optional, count joint friction; None: if the motion was planned with it
+        friction : bool, optional, count joint friction; None: if the motion was planned with friction
 
         Examples
         --------
@@ -265,8 +278,10 @@ def move(
         path = joint_line(robot, q0, q1)
     else:
         names = robot.coordinate_names
-        between = np.atleast_2d(np.asarray(arguments.finite(waypoints, "waypoints", robot.nq, names=names), float))
-        start, end = configuration(robot, q0, "q0"), configuration(robot, q1, "q1")
+        finite_waypoints = arguments.finite(waypoints, "waypoints", robot.nq, names=names)
+        between = np.atleast_2d(np.asarray(finite_waypoints, float))
+        start = configuration(robot, q0, "q0")
+        end = configuration(robot, q1, "q1")
         path = spline(robot, np.concatenate([start[None], between, end[None]]))
     if scaling is None:
         scaling = fitted(robot, path)
@@ -308,27 +323,24 @@ def fitted(
     0.9375
     """
     require_robot(robot, "fitted")
-    bounds, friction = bounds_or_own(robot, bounds), arguments.flag(friction, "friction")
+    bounds = bounds_or_own(robot, bounds)
+    friction = arguments.flag(friction, "friction")
     is_scaling = hasattr(shape, "stretched") and not isinstance(shape, type)
     if shape is not None and not is_scaling:
         raise ValueRangeError(
             f"fitted: the shape is {arguments.value_text(shape)}: give a scaling that tw.trajectories.quintic, cubic, "
             "trapezoid or uniform makes, of any duration."
         )
-    unit = (quintic(1.0) if shape is None else shape).stretched(1.0)
+    unit_scaling = (quintic(1.0) if shape is None else shape).stretched(1.0)
     if np.isfinite(bounds.jerk).any():
-        _require_continuous_acceleration(Trajectory(robot, path, unit))
-    times = np.union1d(np.linspace(0.0, 1.0, _FIRST_SAMPLES), getattr(unit, "knots", ()))
-    durations = shortest_durations(robot, path, unit, bounds, times, friction=friction)
+        _require_continuous_acceleration(Trajectory(robot, path, unit_scaling))
+    times = np.union1d(np.linspace(0.0, 1.0, _FIRST_SAMPLES), getattr(unit_scaling, "knots", ()))
+    durations = shortest_durations(robot, path, unit_scaling, bounds, times, friction=friction)
     for _ in range(_REFINEMENTS):  # the time of the largest duration lies between two samples
-        padded = np.concatenate([[-np.inf], durations, [-np.inf]])
-        peaks = np.flatnonzero((durations >= padded[:-2]) & (durations >= padded[2:]))
-        peaks = peaks[np.argsort(-durations[peaks])[:_MAX_PEAKS]]
-        intervals = np.unique(np.clip(np.concatenate([peaks - 1, peaks]), 0, len(times) - 2))
-        shares = np.arange(1, _PARTS_PER_INTERVAL) / _PARTS_PER_INTERVAL
-        between = (times[intervals, None] + shares * np.diff(times)[intervals, None]).ravel()
-        durations_between = shortest_durations(robot, path, unit, bounds, between, friction=friction)
-        times, durations = np.concatenate([times, between]), np.concatenate([durations, durations_between])
+        between = _times_around_peaks(times, durations)
+        durations_between = shortest_durations(robot, path, unit_scaling, bounds, between, friction=friction)
+        times = np.concatenate([times, between])
+        durations = np.concatenate([durations, durations_between])
         order = np.argsort(times)
         times, durations = times[order], durations[order]
     T = float(durations.max())
@@ -336,21 +348,38 @@ def fitted(
         raise ValueRangeError(
             f"nothing limits {robot.name!r} on this path: give velocity, acceleration or effort limits."
         )
-    return unit.stretched(T)
+    return unit_scaling.stretched(T)
+
+
+def _times_around_peaks(times: Array, durations: Array) -> Array:
+    """Times that split the intervals on both sides of the largest local maxima of the durations."""
+    padded = np.concatenate([[-np.inf], durations, [-np.inf]])
+    is_peak = (durations >= padded[:-2]) & (durations >= padded[2:])
+    peaks = np.flatnonzero(is_peak)
+    largest_first = np.argsort(-durations[peaks])
+    peaks = peaks[largest_first[:_MAX_PEAKS]]
+    last_interval = len(times) - 2
+    intervals = np.unique(np.clip(np.concatenate([peaks - 1, peaks]), 0, last_interval))
+    shares = np.arange(1, _PARTS_PER_INTERVAL) / _PARTS_PER_INTERVAL
+    return np.asarray((times[intervals, None] + shares * np.diff(times)[intervals, None]).ravel())
 
 
 def _require_continuous_acceleration(trajectory: Trajectory) -> None:
     """Raise ValueRangeError if acceleration jumps at the ends or at a knot of the path, so that jerk is unbounded."""
-    ends, samples = [0.0, trajectory.duration], np.linspace(0.0, trajectory.duration, 101)
+    ends = [0.0, trajectory.duration]
+    samples = np.linspace(0.0, trajectory.duration, 101)
     _, dq, ddq = trajectory(np.concatenate([ends, samples]))
+    moves_at_ends = any(np.abs(rates[:2]).max() > TOLERANCE * np.abs(rates).max() for rates in (dq, ddq))
     knots = trajectory.path.knots[1:-1]
-    before, after = trajectory.path(knots - 1e-9)[2], trajectory.path(knots + 1e-9)[2]
-    jumps = np.abs(after - before).max(axis=1, initial=0.0) > TOLERANCE * np.abs(before).max(initial=0.0)
+    _, _, before = trajectory.path(knots - _SIDE_STEP)  # d²q/ds²
+    _, _, after = trajectory.path(knots + _SIDE_STEP)
+    has_jump = np.abs(after - before).max(axis=1, initial=0.0) > TOLERANCE * np.abs(before).max(initial=0.0)
     where = ""
-    if any(np.abs(rates[:2]).max() > TOLERANCE * np.abs(rates).max() for rates in (dq, ddq)):
+    if moves_at_ends:
         where = "at the ends"
-    elif jumps.any():
-        where = f"at s = {printed(knots[jumps][0], 4)}, where the path's d²q/ds² does"
+    elif has_jump.any():
+        first_jump = knots[has_jump][0]
+        where = f"at s = {printed(first_jump, 4)}, where the path's d²q/ds² does"
     if where:
         raise ValueRangeError(
             f"the acceleration of a motion with {trajectory.scaling.name} timing on this path jumps {where}, so no duration "
@@ -359,39 +388,43 @@ def _require_continuous_acceleration(trajectory: Trajectory) -> None:
 
 
 def shortest_durations(
-    robot: Robot, path: JointPath, unit: Any, bounds: Limits, times: Array, *, friction: bool
+    robot: Robot, path: JointPath, unit_scaling: Any, bounds: Limits, times: Array, *, friction: bool
 ) -> Array:
     """Shortest duration (n,) by the limits at times (n,) of a motion of 1 s; 0 if no limit applies."""
-    q, dq, ddq = Trajectory(robot, path, unit)(times)
+    trajectory = Trajectory(robot, path, unit_scaling)
+    q, dq, ddq = trajectory(times)
     dq = velocities_inside(times, dq, ddq, 0.0, 1.0)
     # Velocities are proportional to 1/T, accelerations to 1/T², jerks to 1/T³; 0/0 is a joint that does not move.
     with np.errstate(divide="ignore", invalid="ignore"):
-        shortest = [np.nan_to_num(np.abs(dq) / bounds.velocity, posinf=np.inf)]
-        shortest.append(np.sqrt(np.nan_to_num(np.abs(ddq) / bounds.acceleration_at(dq, ddq), posinf=np.inf)))
+        shares_of_velocity = np.nan_to_num(np.abs(dq) / bounds.velocity, posinf=np.inf)
+        shares_of_acceleration = np.nan_to_num(np.abs(ddq) / bounds.acceleration_at(dq, ddq), posinf=np.inf)
+    shortest = [shares_of_velocity, np.sqrt(shares_of_acceleration)]
     if np.isfinite(bounds.jerk).any():
-        shortest.append(np.cbrt(np.abs(Trajectory(robot, path, unit).jerk(times)) / bounds.jerk))
+        shortest.append(np.cbrt(np.abs(trajectory.jerk(times)) / bounds.jerk))
     model, law = robot.model, robot.model.friction
     u = motor_velocities(model, dq)
-    holding = motor_torques(model, robot.holding_torques(q))
-    slow = joint_velocities(model, 1e-9 * np.sign(u))  # at this speed friction is static
-    g = holding + motor_torques(model, robot.friction_forces(slow)) * friction
-    load = law.load * friction * (u != 0)
-    standing = np.abs(g) + load * np.abs(holding)
-    reserve = bounds.effort - standing
-    if ((reserve <= 1e-6 * bounds.effort) & np.isfinite(reserve)).any():
-        i, j = np.unravel_index(int((standing / bounds.effort).argmax()), g.shape)
+    holding_torques = motor_torques(model, robot.holding_torques(q))
+    slow_dq = joint_velocities(model, _SLOW_SPEED * np.sign(u))
+    g = holding_torques + motor_torques(model, robot.friction_forces(slow_dq)) * friction
+    load_factor = law.load * friction * (u != 0)  # friction for each carried torque
+    standing_torques = np.abs(g) + load_factor * np.abs(holding_torques)
+    reserve = bounds.effort - standing_torques
+    has_no_reserve = (reserve <= _MIN_RESERVE * bounds.effort) & np.isfinite(reserve)
+    if has_no_reserve.any():
+        i, j = np.unravel_index(int((standing_torques / bounds.effort).argmax()), g.shape)
         raise PathError(
-            f"the robot cannot hold itself on this path: {model.drive_labels[j]!r} needs {printed(standing[i, j], 4)} of "
-            f"{printed(bounds.effort[j], 4)} to stand still. Take load off, another path, or a stronger joint."
+            f"the robot cannot hold itself on this path: {model.drive_labels[j]!r} needs {printed(standing_torques[i, j], 4)} "
+            f"of {printed(bounds.effort[j], 4)} to stand still. Take load off, another path, or a stronger joint."
         )
-    moving = motor_torques(model, robot.inverse_dynamics(q, dq, ddq)) - holding
-    viscous = law.viscous * u if friction else np.zeros_like(dq)
-    fades = (law.static - law.coulomb) * friction  # friction that helps a braking motor
+    moving_torques = motor_torques(model, robot.inverse_dynamics(q, dq, ddq)) - holding_torques
+    viscous_torques = law.viscous * u if friction else np.zeros_like(dq)
+    fading_friction = (law.static - law.coulomb) * friction  # friction that helps a braking motor
     # |g + moving k² + viscous k| ≤ L with k = 1/T. On either side A k² + B k ≤ C, where C is the room that is left of L;
     # k is the smaller positive root of the equation, inf if there is none.
     for side in (1.0, -1.0):
-        A, B = side * moving + load * np.abs(moving), side * viscous
-        C = bounds.effort - side * g - load * np.abs(holding) - fades * (side * u < 0)
+        A = side * moving_torques + load_factor * np.abs(moving_torques)
+        B = side * viscous_torques
+        C = bounds.effort - side * g - load_factor * np.abs(holding_torques) - fading_friction * (side * u < 0)
         with np.errstate(all="ignore"):
             discriminant = B * B + 4 * A * C
             root = np.sqrt(np.maximum(discriminant, 0.0))

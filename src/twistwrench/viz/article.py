@@ -1,4 +1,4 @@
-"""Articles on sections of the book: text, pictures that move, and exercises, in a page without a robot."""
+"""Articles on sections of the book: text, moving pictures and exercises, in a page without a robot."""
 
 from __future__ import annotations
 
@@ -29,14 +29,16 @@ _FOLDER = resources.files(__package__) / "articles"
 ARTICLES = tuple(sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml")))
 """Sections of the book with an article."""
 _SHARED_SCRIPTS = ("decimals.js", "matrices.js", "orbit.js")
+"""Scripts that other pages also use."""
 _ARTICLE_SCRIPTS = (
     "rigid_body.js", "near_misses.js", "trails.js", "two_cameras.js", "picture.js", "inline_slider.js", "words.js",
     "predict.js", "handle.js",
 )  # fmt: skip
+"""Scripts that all articles use."""
 _MARKUP = re.compile(r"\{(\w+):((?:[^{}]|\{[^{}]*\})*)\}|\*\*(.+?)\*\*")
-"""``{kind:text}`` with at most one level of braces in the text, and ``**text**``."""
+"""Marks in a text: ``{kind:text}`` with at most one level of braces in its text, and ``**text**``."""
 _SLIDER_BEFORE_STOP = re.compile(r'(<span class="slider[^>]*>[^<]*</span>)([.,;:?]+)')
-"""Slider before a full stop or the like."""
+"""Slider and the punctuation after it."""
 _VIEW_HTML = (
     '<div class="view"><b>{caption}</b><canvas data-view="{view}" tabindex="0" role="img" aria-label="{label}"></canvas>'
     '<p class="hint" hidden>Ctrl + scroll to zoom</p></div>'
@@ -71,7 +73,7 @@ def write_article(section: str, path: str | Path) -> Path:
 
 
 def article_text(section: str, *, neighbours: Mapping[str, str] | None = None, instrument: str | None = None) -> str:
-    """Return the page of an article as text.
+    """Return the page of an article as HTML text.
 
     Parameters
     ----------
@@ -83,19 +85,21 @@ def article_text(section: str, *, neighbours: Mapping[str, str] | None = None, i
     article_scripts = [*_ARTICLE_SCRIPTS, *article["scripts"], "article.js"]
     script = joined_script([*_SHARED_SCRIPTS, *(f"article/{name}" for name in article_scripts)])
     data = json.dumps({"section": section, "pictures": article["picture"]}, ensure_ascii=False, separators=(",", ":"))
-    return Template((player / "article/article.html").read_text("utf-8")).substitute(
+    page = Template((player / "article/article.html").read_text("utf-8"))
+    style = (player / "article/article.css").read_text("utf-8")
+    return page.substitute(
         title=html.escape(f"{section} {article['title']}"),
         policy=f"{POLICY} {digest(script)}",
-        style=page_colours() + quantity_colours() + (player / "article/article.css").read_text("utf-8"),
+        style=page_colours() + quantity_colours() + style,
         body="\n".join(_body(section, article, neighbours or {}, instrument)),
-        data=data.replace("</", "<\\/"),
+        data=data.replace("</", "<\\/"),  # a closing tag would end the script element
         script=script,
     )
 
 
 @cache
 def article_of(section: str) -> dict[str, Any]:
-    """Article as its file has it, with lists of sliders for all pictures."""
+    """Article from its file; each picture has its list of sliders, which may be empty, under "sliders"."""
     article = tomllib.loads((_FOLDER / f"{section}.toml").read_text("utf-8"))
     for picture in article["picture"]:
         picture["sliders"] = picture.pop("slider", [])
@@ -105,7 +109,7 @@ def article_of(section: str) -> dict[str, Any]:
 def _body(
     section: str, article: Mapping[str, Any], neighbours: Mapping[str, str], instrument: str | None
 ) -> Iterator[str]:
-    """Lines of the article: heading, pictures, questions, and how to go on."""
+    """HTML lines of the article: heading, pictures, questions, and how to go on."""
     if neighbours:
         links = [f'<a href="{html.escape(address)}">{html.escape(label)}</a>' for label, address in neighbours.items()]
         yield f"<nav>{''.join(links)}</nav>"
@@ -123,20 +127,23 @@ def _body(
     yield "<h2>Go on</h2>"
     yield f"<p>The first picture, in Python:</p>{_code_html(article['python'].strip())}"
     link = f', as in <a href="{html.escape(instrument)}">this page</a>' if instrument else ""
-    command = f"twistwrench view my_arm.urdf --section {article.get('instrument', section)} --html page.html"
+    section_of_command = article.get("instrument", section)
+    command = f"twistwrench view my_arm.urdf --section {section_of_command} --html page.html"
     yield f"<p>The same with your own arm{link}:</p>{_code_html(command)}"
 
 
 def _code_html(text: str) -> str:
-    """Code to copy; as the block can have the focus, the keyboard can scroll wide lines."""
+    """Block with code to copy; it can have the focus, so that the keyboard can scroll wide lines."""
     return f'<pre tabindex="0" role="region" aria-label="Code">{html.escape(text)}</pre>'
 
 
 def _picture_section(picture_number: int, picture: Mapping[str, Any]) -> Iterator[str]:
-    """Section of one picture: text with its sliders, canvases, controls, exercise."""
-    name, views = picture["name"], picture["views"]
+    """HTML lines of a picture's section: text with its sliders, canvases, controls, exercise."""
+    name = picture["name"]
+    views = picture["views"]  # name and caption of each
     sliders = {slider["name"]: slider for slider in picture["sliders"]}
-    prediction, exercise = picture.get("predict"), picture.get("exercise")
+    prediction = picture.get("predict")
+    exercise = picture.get("exercise")
     yield f'<section id="{name}"><h2>{picture_number}. {html.escape(picture["title"])}</h2>'
     yield from _paragraphs(picture["text"], sliders)
     figure_class = " class=two" if len(views) > 1 else ""
@@ -167,17 +174,17 @@ def _picture_section(picture_number: int, picture: Mapping[str, Any]) -> Iterato
 
 
 def _number_guess(name: str, prediction: Mapping[str, Any]) -> str:
-    """Slider with which the reader guesses a number."""
-    least, most = prediction["least"], prediction["most"]
+    """Slider with which the reader guesses a number; ``name`` is that of the picture."""
+    minimum, maximum = prediction["least"], prediction["most"]
     label = f'<label for="guess-{name}">{html.escape(prediction["label"])}</label>'
-    attributes = f'min="{least}" max="{most}" step="{prediction["step"]}" value="{least}"'
+    attributes = f'min="{minimum}" max="{maximum}" step="{prediction["step"]}" value="{minimum}"'
     field = f'<input id="guess-{name}" type="range" {attributes}>'
-    ends = f"<small>{number(least)}</small><small>{number(most)}</small>".replace("-", "−")
+    ends = f"<small>{number(minimum)}</small><small>{number(maximum)}</small>".replace("-", "−")
     return f'<div class="guess">{label}<span class="range">{field}{ends}</span><output></output></div>'
 
 
 def _answer_choice(name: str, prediction: Mapping[str, Any]) -> str:
-    """Radio buttons with which the reader guesses one of several answers."""
+    """Radio buttons with which the reader guesses one of several answers; ``name`` is that of the picture."""
     buttons = ""
     for k, answer in enumerate(prediction["choices"], 1):
         buttons += f'<label><input type="radio" name="guess-{name}" value="{k}">{html.escape(answer)}</label>'
@@ -186,9 +193,10 @@ def _answer_choice(name: str, prediction: Mapping[str, Any]) -> str:
 
 
 def _paragraphs(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """Paragraphs of a text; one that is a displayed formula alone is a block."""
+    """HTML paragraphs of a text; a displayed formula is a block instead of a paragraph."""
     for paragraph in re.split(r"\n\s*\n", text.strip()):
-        content = _text_html(" ".join(paragraph.split()), sliders)
+        one_line = " ".join(paragraph.split())
+        content = _text_html(one_line, sliders)
         is_display = content.startswith('<div class="display')
         yield content if is_display else f"<p>{content}</p>"
 
@@ -197,9 +205,9 @@ def _text_html(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> str:
     """Text as HTML: coloured words, sliders with their initial value, formulas, emphasis."""
 
     def mark_html(mark: re.Match[str]) -> str:
-        kind, inner, strong = mark.groups()
-        if strong is not None:
-            return f"<strong>{strong}</strong>"
+        kind, inner, emphasised = mark.groups()
+        if emphasised is not None:
+            return f"<strong>{emphasised}</strong>"
         if kind == "slider":
             slider = sliders[inner]
             value = f"{slider['value']} {slider['unit']}"

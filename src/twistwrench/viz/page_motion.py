@@ -21,17 +21,18 @@ if TYPE_CHECKING:
 BUNDLED = Path(robots.__file__).parent
 """Folder of the bundled robots."""
 Put = Callable[[Any, str], dict[str, Any]]
-"""Function that stores an array of a kind and returns its header entry."""
+"""Function that stores an array with a type such as "f8", and returns its header entry."""
 
 
 def robot_of_motion(motion: DrawnMotion) -> tuple[Robot, Payload | None]:
-    """Robot of the page under the limits of the motion, and the payload set by its slider.
+    """Robot of the page under the limits of the motion, and the payload that the page's slider sets.
 
-    The slider sets the motion's only payload, or one at a tip if the motion has none; that payload is removed from the
-    robot. If there are several payloads, or a slider cannot set it, the robot carries them and the returned payload is
+    The slider sets the motion's only payload, or one at a tip if the motion has none; the robot is then without this payload.
+    If there are several payloads, or the payload is not on a moving body, the robot carries them and the returned payload is
     None.
     """
-    load, model = motion.load, motion.load.robot.model
+    load = motion.load
+    model = load.robot.model
     payload = load.payloads[0] if load.payloads else Payload(0.0)
     bodies = [model.frame(name).body for name in (model.tip, payload.frame) if name is not None]
     has_moving_place = BASE not in bodies and (bodies or tips_of(model))
@@ -54,16 +55,16 @@ def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put:
         "dq": put(motion.dq, "f8"),
         "ddq": put(motion.ddq, "f8"),
     }
-    still: dict[str, Any] | None = None
-    viscous: list[float] | None = None
+    still_entry: dict[str, Any] | None = None
+    viscous_coefficients: list[float] | None = None
     if motion.load.friction and motion.still.any():
-        still = put(motion.still, "u2")
+        still_entry = put(motion.still, "u2")
     if motion.load.friction and robot.model.friction.any:
-        viscous = robot.model.friction.viscous.tolist()
+        viscous_coefficients = robot.model.friction.viscous.tolist()
     return {
         **states,
-        "still": still,
-        "viscous": viscous,
+        "still": still_entry,
+        "viscous": viscous_coefficients,
         "mass": 0.0 if payload is None else payload.mass,
         "judged": motion.judged,
         "verdict": verdict,
@@ -71,7 +72,7 @@ def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put:
 
 
 def notes_of_motion(motion: DrawnMotion) -> list[str]:
-    """Notes on the motion besides its verdict, and on omitted rows."""
+    """Notes on the motion that its verdict does not contain, and a note on omitted rows."""
     notes = [note for note in motion.warnings if note not in motion.passed]
     if motion.rows > len(motion.time):
         mass = number(sum(payload.mass for payload in motion.load.payloads))
@@ -83,14 +84,14 @@ def notes_of_motion(motion: DrawnMotion) -> list[str]:
 
 
 def python_source(robot: Robot, motion: DrawnMotion | None) -> dict[str, Any]:
-    """Python expressions that load the robot and the log by file name, and the robot's payloads."""
+    """Python expressions of the robot and of the log (None without a log), and the robot's payloads."""
     model = robot.model
-    log = None
+    log_expression = None
     if motion is not None and motion.report is not None:
-        log = _log_expression(motion.report.trajectory)
+        log_expression = _log_expression(motion.report.trajectory)
     return {
         "robot": _robot_expression(model.source or f"{model.name}.urdf", model.tip),
-        "log": log,
+        "log": log_expression,
         "payloads": [
             {"mass": inertia.mass, "place": inertia.com.tolist(), "frame": frame} for frame, inertia in model.payloads
         ],

@@ -32,16 +32,17 @@ MAX_INSTRUCTIONS = 10_000
 Browsers hardly optimise longer programs. The other programs are included for every robot: they are shorter, and their
 length is proportional to the number of bodies."""
 STEP = 1 / 8000
-"""Time step of a fall [s]. With the fourth-order method the bundled arms conserve energy to a microjoule over
-seconds. Closed loops use a step four times as long."""
+"""Time step of a fall [s]. With the fourth-order method the bundled arms conserve energy to a microjoule over seconds."""
+LOOP_STEP = 4 * STEP
+"""Time step of a fall with closed loops [s]."""
 COARSE_STEP = 1 / 1000
-"""Time step with friction and stops, where energy is not conserved."""
+"""Time step with friction and stops [s], where energy is not conserved."""
 DAMPING = 0.1
 """Default viscous friction for files without friction [N m s/rad, N s/m]."""
 COULOMB_SHARE = 0.02
 """Default Coulomb friction, as a share of the torque limit."""
 
-_NARROWER = (
+_SHORTENINGS = (  # long text, short text
     (";\n  const ", ",\n"),
     ("\n  ", "\n"),
     (" * ", "*"),
@@ -56,9 +57,9 @@ _NARROWER = (
 class PagePrograms:
     """Programs of one page.
 
-    They belong to the robot with one frame for each body, so that the first of ``link_poses`` are the body poses, and
-    one more massless frame at each tip for the payload. Wrenches on the robot (including those at the tips) and
-    payloads are inputs after the state.
+    The programs belong to a copy of the robot with other frames: first one for each body, so that ``link_poses`` begins
+    with the body poses; and at each tip a massless frame for the payload. After the state, the inputs of a program are
+    the wrenches on the robot (also at the tips) and the payload masses.
     """
 
     def __init__(
@@ -71,43 +72,56 @@ class PagePrograms:
         motion: bool = False,
         loops: PageLoops | None = None,
     ) -> None:
-        self.section, self.moves, self.loops = section, motion, loops
+        self.section = section
+        self.has_motion = motion
+        self.loops = loops
         model = robot.model
         self.tips, self.chosen = _selectable_tips(model, payload)
-        named = {name: model.frame(name) for name in (*wrenches, *self.tips)}
-        self.wrenches = tuple(named)
+        """Names of the tips, and index of the initial one."""
+        frames = {name: model.frame(name) for name in (*wrenches, *self.tips)}
+        self.wrenches = tuple(frames)
+        """Frames at which wrenches act on the robot."""
         if payload is None:
             payload = Payload(0.0)
         self.carriers = tuple(payload.frame or tip for tip in self.tips)
+        """Frame that carries the payload, for each tip."""
         self.place = payload.place
+        """Centre of mass of the payload in that frame [m]."""
         self.payloads: list[str] = []
+        """Name of the payload's frame, for each tip."""
         for carrier in map(model.frame, self.carriers):
-            self.payloads.append(_unused_name("payload", named))
-            named[self.payloads[-1]] = replace(carrier, pose=carrier.pose @ se3.pose(np.eye(3), payload.place))
+            payload_name = _unused_name("payload", frames)
+            self.payloads.append(payload_name)
+            frames[payload_name] = replace(carrier, pose=carrier.pose @ se3.pose(np.eye(3), payload.place))
         if loops is not None:
             for closure in loops.closures:
-                ends = (closure.frame_a, closure.frame_b)
-                named |= {name: model.frame(name) for name in ends if name in model.all_frames}
-            named |= loops.frames
-        frames = {_unused_name(f"body {k}", named): Frame(k, np.eye(4)) for k in range(len(model.bodies))}
-        self.body_frames = tuple(frames)
-        self.robot = Robot(replace(model, frames={**frames, **named}, sites={}))
+                for name in (closure.frame_a, closure.frame_b):
+                    if name in model.all_frames:
+                        frames[name] = model.frame(name)
+            frames |= loops.frames
+        body_frames = {_unused_name(f"body {k}", frames): Frame(k, np.eye(4)) for k in range(len(model.bodies))}
+        self.body_frames = tuple(body_frames)
+        """Name of the frame of each body."""
+        self.robot = Robot(replace(model, frames={**body_frames, **frames}, sites={}))
         self._quantities: dict[Any, BridgedQuantity] = {}
+        """Traced quantities by name and options."""
 
     def data(self) -> dict[str, Any]:
         """Header entry: names of the programs, and the data needed to run them."""
         robot = self.robot
         mass = moving_mass(robot.model)
         weight = mass * float(np.linalg.norm(robot.model.gravity))
-        payload, push = None, None
+        max_payload: float | None = None  # kg
+        max_push: float | None = None  # N
         if self.tips:
-            payload, push = round_above(mass / 2 or 1.0), round_above(weight or 10.0)
-        a, b, _, _, _ = RK4.numbers
+            max_payload = round_above(mass / 2 if mass else 1.0)
+            max_push = round_above(weight if weight else 10.0)
+        stage_coefficients, weights = RK4.numbers[:2]
         fall = {
-            "why": self._why_it_stays,
-            "step": STEP if self.loops is None else 4 * STEP,
-            "a": [row.tolist() for row in a],
-            "b": b.tolist(),
+            "why": self._why_not_released,
+            "step": STEP if self.loops is None else LOOP_STEP,
+            "a": [row.tolist() for row in stage_coefficients],
+            "b": weights.tolist(),
             **resistance(robot),
         }
         return {
@@ -115,28 +129,28 @@ class PagePrograms:
             "wrenchFrames": self.wrenches,
             "payloadPlace": list(self.place),
             "moving": mass,
-            "payload": payload,
-            "push": push,
+            "payload": max_payload,
+            "push": max_push,
             "fall": fall,
         }
 
     def tips_data(self, names: Sequence[str]) -> list[dict[str, Any]]:
-        """Data of each tip: its frame index and the joints that carry a payload there."""
-        tips = []
-        for tip, carrier, payload in zip(self.tips, self.carriers, self.payloads, strict=True):
-            payload_name = "more at tip" if self.robot.model.payloads else f"payload at {carrier}"
+        """Data of each tip: its index in ``names``, and name, carrier and pose of the payload there."""
+        entries = []
+        for tip, carrier, payload_frame in zip(self.tips, self.carriers, self.payloads, strict=True):
+            label = "more at tip" if self.robot.model.payloads else f"payload at {carrier}"
             entry = {
                 "tip": names.index(tip),
-                "payloadName": payload_name,
+                "payloadName": label,
                 "payloadFrame": carrier,
-                "payloadAt": frame_data(self.robot.model.frame(payload)),
+                "payloadAt": frame_data(self.robot.model.frame(payload_frame)),
             }
-            tips.append(entry)
-        return tips
+            entries.append(entry)
+        return entries
 
     @property
     def tip(self) -> str | None:
-        """Initial tip."""
+        """Name of the initial tip; None without tips."""
         return self.tips[self.chosen] if self.tips else None
 
     def script(self) -> str:
@@ -147,35 +161,39 @@ class PagePrograms:
 
     @cached_property
     def _functions(self) -> dict[str, str]:
-        """JavaScript functions by the names used in the page; functions without use for the robot are left out."""
+        """JavaScript functions by the names used in the page; functions without use for the robot are left out.
+
+        Each is first listed as a quantity with its options.
+        """
         model = self.robot.model
         if not model.bodies:
             return {}
-        programs = {"poses": ("link_poses", dict[str, Any]())}
+        no_options = dict[str, Any]()
+        programs = {"poses": ("link_poses", no_options)}
         if model.nv:
             programs["holding"] = "holding_torques", {**self.wrench_options, **self.load}
             if self._has_inverse and self._length("mass_matrix", self.load) <= MAX_INSTRUCTIONS:
                 programs["mass"] = "mass_matrix", self.load
-        if self._why_it_stays is None:
-            programs["rates"] = "coordinate_rates", {}
+        if self._why_not_released is None:
+            programs["rates"] = "coordinate_rates", no_options
             programs |= self._accelerations
             programs["potential"] = "potential_energy", self.load
         if any(body.inertia.mass > 0 for body in model.bodies):
             programs["centre"] = "center_of_mass", self.load
         if model.nv and self.tips:
-            programs["rates"] = "coordinate_rates", {}
+            programs["rates"] = "coordinate_rates", no_options
             for k, tip in enumerate(self.tips):
                 programs[f"jacobian{k}"] = "jacobian", {"frame": tip, "kind": "world_aligned"}
         if self.loops is not None:
             programs |= self._loop_programs(self.loops)
-        if self.moves:
+        if self.has_motion:
             programs |= self._motion_programs
         if self.section is not None:
             programs |= self.section.programs(self)
         return {name: self._function(quantity, options) for name, (quantity, options) in programs.items()}
 
     def _loop_programs(self, loops: PageLoops) -> dict[str, tuple[str, dict[str, Any]]]:
-        """Programs that keep loops closed, and the Jacobians of the feet."""
+        """Quantities, with their options, that keep loops closed, and Jacobians of the feet."""
         closing = {"constraints": loops.closures}
         programs: dict[str, tuple[str, dict[str, Any]]] = {
             "rates": ("coordinate_rates", {}),
@@ -188,7 +206,7 @@ class PagePrograms:
 
     @property
     def _motion_programs(self) -> dict[str, tuple[str, dict[str, Any]]]:
-        """Programs of the torques along a motion, and of their parts."""
+        """Quantities, with their options, of the torques along a motion and of the parts of these torques."""
         model, options = self.robot.model, {**self.wrench_options, **self.load}
         programs: dict[str, tuple[str, dict[str, Any]]] = {"inverse": ("inverse_dynamics", options)}
         if model.limited_followers:
@@ -211,31 +229,40 @@ class PagePrograms:
         return len(self._quantity(quantity, options).program.instructions)
 
     def _function(self, quantity: str, options: dict[str, Any]) -> str:
-        """Expression of one function of the module, without the comment above it that contains the robot's name."""
-        text = javascript_module(self._quantity(quantity, options))
-        text = text[text.index("export function") + len("export ") :].rstrip()
-        for wide, narrow in _NARROWER:
-            text = text.replace(wide, narrow)
-        return text
+        """JavaScript function of a quantity, without the module's comment above it, which contains the robot's name."""
+        module = javascript_module(self._quantity(quantity, options))
+        start = module.index("export function") + len("export ")
+        function = module[start:].rstrip()
+        for long_text, short_text in _SHORTENINGS:
+            function = function.replace(long_text, short_text)
+        return function
 
     @property
     def load(self) -> dict[str, Any]:
-        """Option that makes payloads an input."""
-        return {"parameters": tuple(f"{name}.mass" for name in self.payloads)} if self.tips else {}
+        """Option that makes the payload masses inputs; empty without tips."""
+        if not self.tips:
+            return {}
+        return {"parameters": tuple(f"{name}.mass" for name in self.payloads)}
 
     @property
     def wrench_options(self) -> dict[str, Any]:
-        """Options that make wrenches on the robot inputs."""
+        """Options that make wrenches on the robot inputs; empty without such wrenches."""
         return {"wrenches": self.wrenches, "on_robot": self.wrenches} if self.wrenches else {}
 
     @property
     def _accelerations(self) -> dict[str, tuple[str, dict[str, Any]]]:
-        """Programs of the released robot's motion; with loops, the terms of the equation that the page solves."""
-        options, mass = {**self.wrench_options, **self.load}, ("mass_matrix", self.load)
+        """Quantities, with their options, of the released robot's motion.
+
+        With closed loops, they are the terms of the equation that the page solves.
+        """
+        options = {**self.wrench_options, **self.load}
+        programs: dict[str, tuple[str, dict[str, Any]]] = {"mass": ("mass_matrix", self.load)}
         if self.loops is None:
-            return {"mass": mass, "acceleration": ("forward_dynamics", options)}
-        closing = {"constraints": self.loops.closures}
-        return {"mass": mass, "inverse": ("inverse_dynamics", options), "closing_bias": ("constraint_bias", closing)}
+            programs["acceleration"] = "forward_dynamics", options
+        else:
+            programs["inverse"] = "inverse_dynamics", options
+            programs["closing_bias"] = "constraint_bias", {"constraints": self.loops.closures}
+        return programs
 
     @cached_property
     def _has_inverse(self) -> bool:
@@ -247,7 +274,7 @@ class PagePrograms:
         return True
 
     @cached_property
-    def _why_it_stays(self) -> str | None:
+    def _why_not_released(self) -> str | None:
         """Sentence on why the robot cannot be released, or None if it can."""
         if not self.robot.nv:
             return "Nothing of it moves."
@@ -259,26 +286,28 @@ class PagePrograms:
 
 
 def resistance(robot: Robot) -> dict[str, Any]:
-    """Viscous and Coulomb friction and stops of each velocity; with assumed friction if the file has none."""
-    model, friction = robot.model, robot.model.friction
+    """Viscous friction, Coulomb friction and stops of each velocity for the page; assumed friction if the file has none."""
+    model = robot.model
     stops: list[dict[str, Any] | None] = [None] * model.nv
     for body in model.leaders:
         low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
         if body.joint.nv == 1 and np.isfinite([low, high]).all():
             stops[body.v_index] = {"q": body.q_index, "least": low, "most": high}
-    viscous, coulomb, assumption = friction.viscous, friction.coulomb, ""
-    if not viscous.any() and not coulomb.any():
-        driven, effort = driven_velocities(model), model.limits.effort
-        viscous = DAMPING * driven
-        coulomb = np.where(driven & np.isfinite(effort), COULOMB_SHARE * effort, 0.0)
+    viscous_coefficients = model.friction.viscous
+    coulomb_torques = model.friction.coulomb
+    assumption = ""
+    if not viscous_coefficients.any() and not coulomb_torques.any():
+        is_driven, max_torques = driven_velocities(model), model.limits.effort
+        viscous_coefficients = DAMPING * is_driven
+        coulomb_torques = np.where(is_driven & np.isfinite(max_torques), COULOMB_SHARE * max_torques, 0.0)
         assumption = f"Friction is assumed: {DAMPING} N m s/rad"
-        if coulomb.any():
+        if coulomb_torques.any():
             assumption += f", dry friction {percent(COULOMB_SHARE)} of the limits"
         assumption += "."
     return {
         "coarse": COARSE_STEP,
-        "viscous": viscous.tolist(),
-        "coulomb": coulomb.tolist(),
+        "viscous": viscous_coefficients.tolist(),
+        "coulomb": coulomb_torques.tolist(),
         "assumed": assumption,
         "stops": stops,
     }
@@ -287,7 +316,8 @@ def resistance(robot: Robot) -> dict[str, Any]:
 def driven_velocities(model: Model) -> Array:
     """Mask (nv,) of the velocities of joints with a drive."""
     masks = [np.full(body.joint.nv, body.joint.driven, bool) for body in model.leaders]
-    return np.concatenate([np.zeros(0, bool), *masks])
+    no_velocities = np.zeros(0, bool)  # concatenate needs an array, also without joints
+    return np.concatenate([no_velocities, *masks])
 
 
 def frame_data(frame: Frame) -> dict[str, Any]:
@@ -298,19 +328,21 @@ def frame_data(frame: Frame) -> dict[str, Any]:
 _TOOLS = re.compile(r"tool|tcp|(?<![a-z])eef?(?![a-z])|end_?effector|grasp|hand_?tip", re.IGNORECASE)
 """Names that suggest a tool frame."""
 MAX_TIPS = 12
+"""Maximum number of selectable tips."""
 
 
 def tips_of(model: Model) -> list[str]:
-    """Selectable tips: a leaf frame of each last body, then frames on moving bodies with a name like a tool.
+    """Names of selectable tips: a leaf frame of each last body, then moving frames whose names suggest a tool.
 
     >>> import twistwrench as tw
     >>> tips_of(tw.robots.quadruped().model)
     ['FL_foot', 'FR_foot', 'RL_foot', 'RR_foot']
     """
     last = last_bodies(model)
-    ends = {model.frames[name].body: name for name in model.leaves if model.frames[name].body in last}
+    leaf_by_body = {model.frames[name].body: name for name in model.leaves if model.frames[name].body in last}
     tools = [name for name, frame in model.all_frames.items() if frame.body != BASE and _TOOLS.search(name)]
-    return list(dict.fromkeys([*ends.values(), *tools]))[:MAX_TIPS]
+    distinct = list(dict.fromkeys([*leaf_by_body.values(), *tools]))
+    return distinct[:MAX_TIPS]
 
 
 def moving_mass(model: Model) -> float:
@@ -319,20 +351,21 @@ def moving_mass(model: Model) -> float:
 
 
 def last_bodies(model: Model) -> set[int]:
-    """Bodies that carry no other."""
-    return set(range(len(model.bodies))) - {body.parent for body in model.bodies}
+    """Indices of the bodies that carry no other body."""
+    parents = {body.parent for body in model.bodies}
+    return set(range(len(model.bodies))) - parents
 
 
 def one_arm(model: Model) -> bool:
-    """True if all last bodies are moved by one joint with a motor, as in an arm with a gripper."""
-    shared = set(range(len(model.bodies)))
+    """True if one joint with a motor moves all last bodies, as in an arm with a gripper."""
+    in_all_chains = set(range(len(model.bodies)))
     for k in last_bodies(model):
-        shared = shared.intersection(chain_to_base(model, k))
-    return any(model.bodies[k].joint.driven for k in shared)
+        in_all_chains = in_all_chains.intersection(chain_to_base(model, k))
+    return any(model.bodies[k].joint.driven for k in in_all_chains)
 
 
 def _selectable_tips(model: Model, payload: Payload | None) -> tuple[tuple[str, ...], int]:
-    """Tips of a page and the index of the initial one: the robot's own tip, that of the payload, or all."""
+    """Tips of a page and the index of the initial tip: the robot's own tip, the payload's frame, or all tips."""
     if model.tip is not None and model.frame(model.tip).body != BASE:
         return (model.tip,), 0
     tips = tuple(tips_of(model))
@@ -356,6 +389,7 @@ def round_above(x: float) -> float:
     >>> round_above(0.3), round_above(18.2)
     (0.5, 20.0)
     """
-    power = 10.0 ** np.floor(np.log10(x))
-    series = power * np.array([1, 2, 5, 10])
-    return float(series[np.argmax(series >= x * (1 - 1e-9))])
+    power_of_ten = 10.0 ** np.floor(np.log10(x))
+    series = power_of_ten * np.array([1, 2, 5, 10])
+    is_enough = series >= x * (1 - 1e-9)  # despite round-off of the series
+    return float(series[np.argmax(is_enough)])  # the first that is enough

@@ -14,49 +14,59 @@ from .lower import Emitter
 from .spill_frame import RowLayout, load_slot, store_slot
 from .target_machine import Precision
 
+_BYTES_PER_OFFSET = 8
+"""Size of an i64."""
 
-def column_programs(columns: ColumnSolve, writer: Callable[[], LlvmWriter]) -> Iterator[str]:
-    """For each group, a table of the offsets of its columns in the frame, and its function."""
-    for number, group in enumerate(columns.groups):
+
+def column_programs(solve: ColumnSolve, writer: Callable[[], LlvmWriter]) -> Iterator[str]:
+    """For each group: table ``@columns…`` with the offset of each of its columns in the frame, then function ``@column…``."""
+    for number, group in enumerate(solve.groups):
         w = writer()
         slot_bytes = w.lanes * w.precision.bytes
-        offsets = [slot_bytes * columns.entry(matrix, 0, column) for matrix, column in group.places]
+        offsets = [slot_bytes * solve.entry(matrix, 0, column) for matrix, column in group.places]
         yield f"@columns{number} = internal constant [{len(offsets)} x i64] [{typed_list('i64', offsets)}]"
-        emitter = _ColumnEmitter(w, columns, group)
-        emitter.walk(0, len(group.program.instructions), columns.stored_entries(group), large=False)
+        emitter = _ColumnEmitter(w, solve, group)
+        instruction_count = len(group.program.instructions)
+        emitter.walk(0, instruction_count, solve.stored_entries(group), large=False)
         body = "\n".join(w.lines)
         head = f'define internal void @column{number}(ptr noalias %frame, ptr noalias %column) noinline "stackrealign"'
         yield f"{head} {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-def column_loop(w: LlvmWriter, columns: ColumnSolve, label: str) -> str:
-    """Call the functions; ``label`` is that of the current block, and the result that of the block afterwards."""
-    for number, group in enumerate(columns.groups):
-        for entry, value in _constant_entries(
-            columns, group
-        ):  # again: the solutions of the last block have replaced them
+def column_loop(w: LlvmWriter, solve: ColumnSolve, label: str) -> str:
+    """Write a loop over the columns of each group, which calls the group's function.
+
+    ``label`` names the current basic block. Returns the name of the basic block after the loops.
+    """
+    for number, group in enumerate(solve.groups):
+        # Each block of samples needs its constants anew: solutions of the previous block have replaced them.
+        for entry, value in _constant_entries(solve, group):
             store_slot(w, w.splat(value), entry)
         with w.loop(str(len(group.places)), label) as k:
-            table_offset = w.new(f"mul i64 {k}, 8")
+            table_offset = w.new(f"mul i64 {k}, {_BYTES_PER_OFFSET}")
             table_entry = w.gep(f"@columns{number}", table_offset)
-            column_offset = w.new(f"load i64, ptr {table_entry}, align 8")
+            column_offset = w.new(f"load i64, ptr {table_entry}, align {_BYTES_PER_OFFSET}")
             w.do(f"call void @column{number}(ptr %frame, ptr {w.gep('%frame', column_offset)})")
         label = w.after
     return label
 
 
-def _constant_entries(columns: ColumnSolve, group: ColumnGroup) -> Iterator[tuple[int, float]]:
-    """Constant entries of the columns that a group's program reads, with their values."""
-    program = columns.program
-    first_of_column = sum(
-        port.size for port in group.program.inputs[:-1]
-    )  # number of the column's first entry as an input
+def _shared_count(group: ColumnGroup) -> int:
+    """Number of shared values of a group's program: all inputs before its last port, which is the column."""
+    return sum(port.size for port in group.program.inputs[:-1])
+
+
+def _constant_entries(solve: ColumnSolve, group: ColumnGroup) -> Iterator[tuple[int, float]]:
+    """Constant entries, by position in the frame, among the column entries that a group's program reads; with their values."""
+    program = solve.program
+    shared_count = _shared_count(group)
     inputs = [int(instruction.value) for instruction in group.program.instructions if instruction.op == "input"]
-    rows = [number - first_of_column for number in inputs if number >= first_of_column]
+    rows = [number - shared_count for number in inputs if number >= shared_count]
     for matrix, column in group.places:
         for row in rows:
-            entry = columns.entry(matrix, row, column)
-            op, _, value = program.instructions[program.results[entry]]
+            entry = solve.entry(matrix, row, column)
+            instruction = program.results[entry]
+            op, _, value = program.instructions[instruction]
             if op == "const":
                 yield entry, value
 
@@ -64,24 +74,23 @@ def _constant_entries(columns: ColumnSolve, group: ColumnGroup) -> Iterator[tupl
 class _ColumnEmitter(Emitter):
     """Emitter that reads shared values and one column from the frame."""
 
-    def __init__(self, w: LlvmWriter, columns: ColumnSolve, group: ColumnGroup) -> None:
+    def __init__(self, w: LlvmWriter, solve: ColumnSolve, group: ColumnGroup) -> None:
         super().__init__(w, group.program)
-        self.shared = columns.first_entries[-columns.shared]
-        """First slot of the shared values."""
-        self.row = group.program.inputs[-1].size
+        self.first_shared_slot = solve.first_entries[-solve.shared]
+        self.slots_per_row = group.program.inputs[-1].size
         """Number of slots of a row of the matrix, which is square."""
-        self.before = sum(port.size for port in group.program.inputs[:-1])
-        """Number of shared values, which come before the column among the inputs."""
+        self.shared_count = _shared_count(group)
 
     def input(self, number: int) -> str:
         """Vector of an input: a shared value, or an entry of the column."""
-        if number < self.before:
-            return load_slot(self.w, self.shared + number)
-        return load_slot(self.w, (number - self.before) * self.row, "%column")
+        if number < self.shared_count:
+            return load_slot(self.w, self.first_shared_slot + number)
+        row = number - self.shared_count
+        return load_slot(self.w, row * self.slots_per_row, "%column")
 
     def output(self, number: int, value: str) -> None:
-        """Store an entry of the solution."""
-        store_slot(self.w, value, number * self.row, "%column")
+        """Store an entry of the solution in its row of the matrix."""
+        store_slot(self.w, value, number * self.slots_per_row, "%column")
 
 
 # ── Columns of one sample in SIMD lanes: entries of adjacent columns are contiguous in the rows of a matrix
@@ -92,42 +101,48 @@ VECTOR_BYTES = 64
 """Size of a vector of columns [bytes]; processors with shorter vectors use two or four of theirs."""
 
 
-def lane_column_programs(
-    columns: ColumnSolve, places: RowLayout, precision: Precision, *, fused: bool
-) -> Iterator[str]:
+def lane_column_programs(solve: ColumnSolve, layout: RowLayout, precision: Precision, *, fused: bool) -> Iterator[str]:
     """Function of each group for ``%count`` adjacent columns; ``%column`` is the address of the first column's first entry."""
-    for number, group in enumerate(columns.groups):
+    for number, group in enumerate(solve.groups):
         w = LlvmWriter(precision, VECTOR_BYTES // precision.bytes, fused=fused)
-        integers = f"<{w.lanes} x i64>"
         lane_numbers = typed_list("i64", range(w.lanes))
-        in_lane_0 = w.new(f"insertelement {integers} poison, i64 %count, i32 0")
-        count = w.new(f"shufflevector {integers} {in_lane_0}, {integers} poison, <{w.lanes} x i32> zeroinitializer")
-        mask = w.new(f"icmp ult {integers} <{lane_numbers}>, {count}")  # lanes that have a column
-        emitter = _LaneColumnsEmitter(w, columns, group, places, mask)
-        emitter.walk(0, len(group.program.instructions), columns.stored_entries(group), large=False)
+        count_in_lanes = _in_all_lanes(w, f"<{w.lanes} x i64>", "i64 %count")
+        is_used = w.new(f"icmp ult <{w.lanes} x i64> <{lane_numbers}>, {count_in_lanes}")  # lanes that have a column
+        emitter = _LaneColumnsEmitter(w, solve, group, layout, is_used)
+        instruction_count = len(group.program.instructions)
+        emitter.walk(0, instruction_count, solve.stored_entries(group), large=False)
         body = "\n".join(w.lines)
         head = f"define internal void @column{number}(ptr noalias %frame, ptr noalias %column, i64 %count) noinline"
         yield f'{head} "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
-def call_lane_columns(w: LlvmWriter, columns: ColumnSolve, places: RowLayout) -> None:
+def _in_all_lanes(w: LlvmWriter, vector: str, element: str) -> str:
+    """Vector with one element in all lanes; ``vector`` is its type, ``element`` a type and a value."""
+    in_lane_0 = w.new(f"insertelement {vector} poison, {element}, i32 0")
+    return w.new(f"shufflevector {vector} {in_lane_0}, {vector} poison, <{w.lanes} x i32> zeroinitializer")
+
+
+def call_lane_columns(w: LlvmWriter, solve: ColumnSolve, layout: RowLayout) -> None:
     """Call the functions for runs of adjacent columns."""
-    for number, group in enumerate(columns.groups):
-        for matrix, column, count in _runs(group, VECTOR_BYTES // w.precision.bytes):
-            index, base = places.place(columns.entry(matrix, 0, column))
+    max_columns = VECTOR_BYTES // w.precision.bytes
+    for number, group in enumerate(solve.groups):
+        for matrix, column, column_count in _column_runs(group, max_columns):
+            first_entry = solve.entry(matrix, 0, column)
+            index, base = layout.place(first_entry)
             address = w.gep(base, index * w.precision.bytes)
-            w.do(f"call void @column{number}(ptr %frame, ptr {address}, i64 {count})")
+            w.do(f"call void @column{number}(ptr %frame, ptr {address}, i64 {column_count})")
 
 
-def _runs(group: ColumnGroup, max_length: int) -> Iterator[tuple[int, int, int]]:
-    """Runs of adjacent columns of a group: matrix, first column, number of columns."""
+def _column_runs(group: ColumnGroup, max_length: int) -> Iterator[tuple[int, int, int]]:
+    """Runs of adjacent columns of a group: matrix, first column, number of columns (at most ``max_length``)."""
     run_matrix, run_column = group.places[0]
     length = 0
     for matrix, column in group.places:
         continues = (matrix, column) == (run_matrix, run_column + length)
         if not continues or length == max_length:
             yield run_matrix, run_column, length
-            run_matrix, run_column, length = matrix, column, 0
+            run_matrix, run_column = matrix, column
+            length = 0
         length += 1
     yield run_matrix, run_column, length
 
@@ -135,22 +150,21 @@ def _runs(group: ColumnGroup, max_length: int) -> Iterator[tuple[int, int, int]]
 class _LaneColumnsEmitter(Emitter):
     """Emitter for several columns: shared values are read into all lanes, entries of adjacent columns into one lane each."""
 
-    def __init__(self, w: LlvmWriter, columns: ColumnSolve, group: ColumnGroup, places: RowLayout, mask: str) -> None:
+    def __init__(self, w: LlvmWriter, solve: ColumnSolve, group: ColumnGroup, layout: RowLayout, is_used: str) -> None:
         super().__init__(w, group.program)
-        self.mask = f"{w.mask} {mask}"
-        """Lanes that have a column, with the type."""
-        self.shared, _ = places.place(columns.first_entries[-columns.shared])
-        """Index of the first shared value in the frame."""
-        self.row = group.program.inputs[-1].size * w.precision.bytes
-        """Size of a row of the matrix [bytes]."""
-        self.before = sum(port.size for port in group.program.inputs[:-1])
-        """Number of shared values, which come before the column among the inputs."""
+        self.typed_mask = f"{w.mask} {is_used}"
+        """Type and register of the mask of lanes that have a column."""
+        self.first_shared_index, _ = layout.place(solve.first_entries[-solve.shared])
+        """Index of the first shared value; shared values are always in the frame."""
+        self.bytes_per_row = group.program.inputs[-1].size * w.precision.bytes
+        """Size of a row of the matrix, which is square."""
+        self.shared_count = _shared_count(group)
 
     def meet(self, number: int) -> None:
-        """Defer the load of an input until it is used."""
+        """Load nothing yet: :meth:`value` loads an input where it is used."""
 
     def value(self, number: int) -> str:
-        """Vector of an instruction."""
+        """Vector of an instruction; an input is loaded at its first use."""
         op, _, value = self.program.instructions[number]
         if op == "input" and number not in self.values:
             self.values[number] = self.input(int(value))
@@ -159,18 +173,19 @@ class _LaneColumnsEmitter(Emitter):
     def input(self, number: int) -> str:
         """Vector of an input."""
         w, element_bytes = self.w, self.w.precision.bytes
-        if number >= self.before:
-            address = w.gep("%column", (number - self.before) * self.row)
-            arguments = f"ptr {address}, i32 {element_bytes}, {self.mask}, {w.vector} zeroinitializer"
+        if number >= self.shared_count:
+            row = number - self.shared_count
+            address = w.gep("%column", row * self.bytes_per_row)
+            zeros_elsewhere = f"{w.vector} zeroinitializer"
+            arguments = f"ptr {address}, i32 {element_bytes}, {self.typed_mask}, {zeros_elsewhere}"
             return w.new(f"call {w.vector} @llvm.masked.load.{w.suffix}.p0({arguments})")
-        address = w.gep("%frame", (self.shared + number) * element_bytes)
-        shared = w.new(f"load {w.element}, ptr {address}, align {element_bytes}")
-        in_lane_0 = w.new(f"insertelement {w.vector} poison, {w.element} {shared}, i32 0")
-        return w.new(f"shufflevector {w.vector} {in_lane_0}, {w.vector} poison, <{w.lanes} x i32> zeroinitializer")
+        address = w.gep("%frame", (self.first_shared_index + number) * element_bytes)
+        shared_value = w.new(f"load {w.element}, ptr {address}, align {element_bytes}")
+        return _in_all_lanes(w, w.vector, f"{w.element} {shared_value}")
 
     def output(self, number: int, value: str) -> None:
         """Store an entry of the solutions in its row of the matrix."""
         w = self.w
-        address = w.gep("%column", number * self.row)
-        arguments = f"{w.vector} {value}, ptr {address}, i32 {w.precision.bytes}, {self.mask}"
+        address = w.gep("%column", number * self.bytes_per_row)
+        arguments = f"{w.vector} {value}, ptr {address}, i32 {w.precision.bytes}, {self.typed_mask}"
         w.do(f"call void @llvm.masked.store.{w.suffix}.p0({arguments})")

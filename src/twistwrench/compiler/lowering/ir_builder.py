@@ -23,6 +23,7 @@ class LlvmWriter:
         self.integer = f"<{lanes} x i{precision.bits}>"
         self.mask = f"<{lanes} x i1>"
         self.suffix = f"v{lanes}f{precision.bits}"
+        """Suffix of intrinsics for these vectors."""
         self.lines: list[str] = []
         self.after = ""
         """Label of the block that :meth:`when` or :meth:`loop` began last."""
@@ -60,8 +61,8 @@ class LlvmWriter:
 
     def number(self, value: float) -> str:
         """Scalar constant, exact to the bit; LLVM writes float32 numbers with the bits of a double, too."""
-        bits = DOUBLE.pattern(self.precision.rounded(value)) % 2**64
-        return f"0x{bits:016X}"
+        signed_bits = DOUBLE.pattern(self.precision.rounded(value))
+        return f"0x{signed_bits % 2**64:016X}"
 
     def splat(self, value: float) -> str:
         """Vector with the same constant in every lane."""
@@ -74,7 +75,7 @@ class LlvmWriter:
     # ── vector operations ──
 
     def binary(self, op: str, a: str, b: str) -> str:
-        """Binary operation ``op`` of two vectors, as in ``fadd``."""
+        """Operation of two vectors; ``op`` is an instruction such as ``fadd``."""
         return self.new(f"{op} {self.vector} {a}, {b}")
 
     def negate(self, a: str) -> str:
@@ -82,8 +83,9 @@ class LlvmWriter:
         return self.new(f"fneg {self.vector} {a}")
 
     def intrinsic(self, op: str, *operands: str) -> str:
-        """Vector intrinsic, as in ``fma``."""
-        return self.new(f"call {self.vector} @llvm.{op}.{self.suffix}({typed_list(self.vector, operands)})")
+        """Vector intrinsic; ``op`` is its name, such as ``fma``."""
+        arguments = typed_list(self.vector, operands)
+        return self.new(f"call {self.vector} @llvm.{op}.{self.suffix}({arguments})")
 
     def fma(self, a: str, b: str, c: str) -> str:
         """a b + c, rounded once; without fma in hardware, rounded twice.
@@ -92,17 +94,18 @@ class LlvmWriter:
         """
         if self.fused:
             return self.intrinsic("fma", a, b, c)
-        return self.binary("fadd", self.binary("fmul", a, b), c)
+        product = self.binary("fmul", a, b)
+        return self.binary("fadd", product, c)
 
     def select(self, condition: str, a: str, b: str) -> str:
         """For each lane, a if the condition holds, else b."""
         return self.new(f"select {self.mask} {condition}, {self.vector} {a}, {self.vector} {b}")
 
     def shuffle(self, a: str, b: str, indices: Sequence[int], length: int | None = None) -> str:
-        """Elements of a and b by index. An index counts through a and then b, each of ``length`` (default: lanes)."""
-        source = f"<{length or self.lanes} x {self.element}>"
+        """Elements of a and b by index, which counts the elements of a and then of b; each has ``length`` (default: lanes)."""
+        source_type = f"<{length or self.lanes} x {self.element}>"
         pattern = f"<{len(indices)} x i32> <{typed_list('i32', indices)}>"
-        return self.new(f"shufflevector {source} {a}, {source} {b}, {pattern}")
+        return self.new(f"shufflevector {source_type} {a}, {source_type} {b}, {pattern}")
 
     def gep(self, base: str, offset: int | str) -> str:
         """Pointer moved by ``offset`` bytes."""
@@ -112,8 +115,8 @@ class LlvmWriter:
 
     def blocks(self, samples: str) -> str:
         """Number of vectors that hold the samples; the last may be partly filled."""
-        padded = self.new(f"add i64 {samples}, {self.lanes - 1}")
-        return self.new(f"sdiv i64 {padded}, {self.lanes}")
+        padded_samples = self.new(f"add i64 {samples}, {self.lanes - 1}")
+        return self.new(f"sdiv i64 {padded_samples}, {self.lanes}")
 
     def share(self, samples: str, first: str) -> tuple[str, str]:
         """Number of samples in the vector that begins with sample ``first``, and an i1 that is true if it is not full."""
@@ -168,6 +171,10 @@ class LlvmWriter:
 # the piece's columns. Results are stored as soon as all columns of a piece are known.
 
 
+_PIECE_BYTES = 16
+"""Size of a piece: 128 bits."""
+
+
 def _piece_starts(columns: int, width: int) -> list[int]:
     """First columns of the pieces of ``width`` columns that cover a row; empty if the row is shorter than a piece."""
     if columns < width:
@@ -183,12 +190,14 @@ class _Rows:
 
     def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
         self.w, self.base, self.columns = w, base, columns
-        self.width = 16 // w.precision.bytes
-        """Number of elements of a piece of 128 bits."""
+        self.width = _PIECE_BYTES // w.precision.bytes
+        """Number of elements of a piece."""
         self.groups = w.lanes // self.width
-        """Number of such pieces in a vector; 0 if a vector is shorter."""
+        """Number of groups in a vector, which are as long as a piece; 0 if a vector is shorter."""
         self.align = w.precision.bytes
+        """Alignment of rows [bytes]."""
         self.piece = f"<{self.width} x {w.element}>"
+        """Type of a piece."""
         self.starts: list[int] = []
         """First column of each piece; empty if elements are loaded and stored one by one."""
         if self.groups:
@@ -196,32 +205,32 @@ class _Rows:
 
     def address(self, row: int, column: int) -> str:
         """Pointer to an element."""
-        return self.w.gep(self.base, (row * self.columns + column) * self.w.precision.bytes)
+        element = row * self.columns + column
+        return self.w.gep(self.base, element * self.w.precision.bytes)
 
     def within(self, a: str, b: str, picks: list[int]) -> str:
-        """Shuffle with the same pattern in every group of 128 bits; picks number the group's elements of a, then of b."""
-        added_for_b = (
-            self.w.lanes - self.width
-        )  # shuffles number the elements of b after all of a, picks after a group of a
-        indices: list[int] = []
+        """Shuffle with the same pattern in every group; ``picks`` count the group's elements of a, then those of b."""
+        indices: list[int] = []  # count all elements of a, then those of b
         for group in range(self.groups):
             for pick in picks:
                 index = group * self.width + pick
-                if pick >= self.width:
-                    index += added_for_b
+                if pick >= self.width:  # an element of b
+                    index += self.w.lanes - self.width
                 indices.append(index)
         return self.w.shuffle(a, b, indices)
 
     def transpose(self, v: list[str]) -> list[str]:
-        """Transpose the square that each group forms in ``width`` vectors; twice, it gives the same vectors again.
+        """Transpose the square that each group forms in ``width`` vectors v; the transposed vectors give v again.
 
         For float64 a square is 2 × 2, for float32 4 × 4.
         """
         if self.width == 2:
             return [self.within(v[0], v[1], [0, 2]), self.within(v[0], v[1], [1, 3])]
         interleave_low, interleave_high = [0, 4, 1, 5], [2, 6, 3, 7]
-        a, b = self.within(v[0], v[1], interleave_low), self.within(v[2], v[3], interleave_low)
-        c, d = self.within(v[0], v[1], interleave_high), self.within(v[2], v[3], interleave_high)
+        a = self.within(v[0], v[1], interleave_low)
+        b = self.within(v[2], v[3], interleave_low)
+        c = self.within(v[0], v[1], interleave_high)
+        d = self.within(v[2], v[3], interleave_high)
         join_low, join_high = [0, 1, 4, 5], [2, 3, 6, 7]
         return [
             self.within(a, b, join_low),
@@ -241,33 +250,34 @@ class RowLoader(_Rows):
     def column(self, c: int) -> str:
         """Vector of one column."""
         if c not in self._vectors:
-            start = next((s for s in self.starts if s <= c < s + self.width), None)
+            start = next((s for s in self.starts if s <= c < s + self.width), None)  # of the piece with the column
             if start is None:
                 self._vectors[c] = self._load_elements(c)
             else:
                 for k, vector in enumerate(self._load(start)):
-                    self._vectors.setdefault(start + k, vector)
+                    self._vectors.setdefault(start + k, vector)  # overlapping pieces have some columns twice
         return self._vectors[c]
 
     def _load(self, start: int) -> list[str]:
         """Vectors of the columns of the piece that begins with column ``start``."""
-        joined = []
+        vectors = []
         for k in range(self.width):
-            pieces = []  # of the rows k, k + width, ..., which form a vector
+            parts = []  # pieces of the rows k, k + width, ..., which form a vector
             for group in range(self.groups):
                 address = self.address(group * self.width + k, start)
-                pieces.append(self.w.new(f"load {self.piece}, ptr {address}, align {self.align}"))
-            size = self.width
-            while len(pieces) > 1:
-                pairs = zip(pieces[::2], pieces[1::2], strict=True)
-                pieces = [self.w.shuffle(a, b, range(2 * size), size) for a, b in pairs]
-                size *= 2
-            joined.append(pieces[0])
-        return self.transpose(joined)
+                parts.append(self.w.new(f"load {self.piece}, ptr {address}, align {self.align}"))
+            part_length = self.width
+            while len(parts) > 1:  # join pairs
+                pairs = zip(parts[::2], parts[1::2], strict=True)
+                parts = [self.w.shuffle(a, b, range(2 * part_length), part_length) for a, b in pairs]
+                part_length *= 2
+            vectors.append(parts[0])
+        return self.transpose(vectors)
 
     def _load_elements(self, c: int) -> str:
         """Vector of a column, loaded element by element."""
-        w, vector = self.w, "poison"
+        w = self.w
+        vector = "poison"
         for row in range(w.lanes):
             element = w.new(f"load {w.element}, ptr {self.address(row, c)}, align {self.align}")
             vector = w.new(f"insertelement {w.vector} {vector}, {w.element} {element}, i32 {row}")
@@ -277,7 +287,7 @@ class RowLoader(_Rows):
 class RowStorer(_Rows):
     """Columns of an output array, stored tile by tile as soon as all columns of a tile are known.
 
-    The number of stores limits the speed of wide results. In long rows, a tile is two pieces wide, which halves the number.
+    The number of stores limits the speed of wide results. In long rows, a tile is two pieces wide, which halves this number.
     """
 
     def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
@@ -287,39 +297,40 @@ class RowStorer(_Rows):
         if columns >= 2 * self.width:
             self.span = 2 * self.width
         self._vectors: dict[int, str] = {}  # of the columns that are known
-        self._missing: dict[int, int] = {}
+        self._missing_counts: dict[int, int] = {}
         """Number of columns that each tile lacks, by the tile's first column."""
         if self.groups:
-            self._missing = dict.fromkeys(_piece_starts(columns, self.span), self.span)
-        self._by_element = not self._missing
+            self._missing_counts = dict.fromkeys(_piece_starts(columns, self.span), self.span)
+        self._stores_elements = not self._missing_counts
 
     def put(self, c: int, vector: str) -> None:
-        """Add the vector of a column, and store the tiles that are complete then; called once per column."""
+        """Add the vector of a column, and store the tiles that it completes; called once per column."""
         self._vectors[c] = vector
-        if self._by_element:
+        if self._stores_elements:
             self._store_elements(c, vector)
         for start in self._tiles(c):
-            self._missing[start] -= 1
-            if not self._missing[start]:
+            self._missing_counts[start] -= 1
+            if not self._missing_counts[start]:
                 self._store(start)
 
     def _tiles(self, c: int) -> list[int]:
         """First columns of the tiles with column c: its regular tile, and the last tile, which ends with the row."""
         starts = sorted({c - c % self.span, self.columns - self.span})
-        return [start for start in starts if start in self._missing and start <= c]
+        return [start for start in starts if start in self._missing_counts and start <= c]
 
     def _store(self, start: int) -> None:
         """Store the tile that begins with column ``start``, row by row."""
         w, width, span = self.w, self.width, self.span
         tile = f"<{span} x {w.element}>"
-        left, right = self._transposed(start), self._transposed(start + span - width)
+        left = self._transposed(start)
+        right = self._transposed(start + span - width)
         for k in range(width):
             for group in range(self.groups):
                 first = group * width
-                picks = list(range(first, first + width))
+                indices = list(range(first, first + width))
                 if span > width:  # the right piece follows the left one
-                    picks += range(w.lanes + first, w.lanes + first + width)
-                row_of_tile = w.shuffle(left[k], right[k], picks)
+                    indices += range(w.lanes + first, w.lanes + first + width)
+                row_of_tile = w.shuffle(left[k], right[k], indices)
                 address = self.address(group * width + k, start)
                 w.do(f"store {tile} {row_of_tile}, ptr {address}, align {self.align}")
 

@@ -18,7 +18,7 @@ from ..ir.program import Program, TensorSpec
 from .reference_interpreter import batch_shape, evaluated, functions_of, last_uses
 
 CHUNK = 4096
-"""Number of samples that are evaluated at once, so that intermediate values stay in the cache."""
+"""Number of samples that are evaluated at once, few enough that intermediate values stay in the processor's cache."""
 
 _FUNCTIONS = functions_of(np, np.where)
 
@@ -29,7 +29,7 @@ class NumpyKernel:
     def __init__(self, program: Program, name: str, doc: str) -> None:
         self.program, self.__name__, self.__doc__ = program, name, doc
         self.signature, self.nin, self.nout = program.signature, len(program.inputs), len(program.outputs)
-        self._spent = last_uses(program)
+        self._last_uses = last_uses(program)
 
     def __repr__(self) -> str:
         return f"<NumpyKernel {self.__name__!r} {self.signature}>"
@@ -43,8 +43,8 @@ class NumpyKernel:
             if not np.can_cast(array.dtype, float):
                 raise TypeError(f"{self.__name__}: {port.name} is {array.dtype}, real numbers wanted.")
         for number, (array, port) in enumerate(zip(arrays, self.program.inputs, strict=True)):
-            batch_axes = array.ndim - len(port.shape)
-            if batch_axes < 0 or array.shape[batch_axes:] != port.shape:
+            batch_axis_count = array.ndim - len(port.shape)
+            if batch_axis_count < 0 or array.shape[batch_axis_count:] != port.shape:
                 raise ValueError(
                     f"{self.__name__}: operand {number} has shape {array.shape}, core shape {port.shape} wanted."
                 )
@@ -53,18 +53,18 @@ class NumpyKernel:
         samples = int(np.prod(batch))
         input_columns: list[Array] = []  # one (samples,) array for each element of an input
         for array, port in zip(arrays, self.program.inputs, strict=True):
-            rows = np.broadcast_to(array, (*batch, *port.shape)).reshape(samples, port.size)
-            input_columns += list(rows.astype(dtype, copy=False).T)
+            sample_rows = np.broadcast_to(array, (*batch, *port.shape)).reshape(samples, port.size)
+            input_columns += list(sample_rows.astype(dtype, copy=False).T)
         results: list[Any] = []
         result_columns: list[Array] = []  # views of the results
         for port in self.program.outputs:
-            rows = np.empty((samples, port.size), dtype)
-            result_columns += list(rows.T)
-            results.append(rows.reshape((*batch, *port.shape)))
+            sample_rows = np.empty((samples, port.size), dtype)
+            result_columns += list(sample_rows.T)
+            results.append(sample_rows.reshape((*batch, *port.shape)))
         for start in range(0, samples, CHUNK):
             chunk = slice(start, start + CHUNK)
             elements = [column[chunk] for column in input_columns]
-            result_elements = evaluated(self.program, elements, _FUNCTIONS, self._spent)
+            result_elements = evaluated(self.program, elements, _FUNCTIONS, self._last_uses)
             for column, values in zip(result_columns, result_elements, strict=True):
                 column[chunk] = values
         if out is None:
@@ -83,9 +83,9 @@ def _loop_type(arrays: Sequence[Array]) -> Any:
 
 
 def _copy_results(results: list[Any], out: Any, name: str) -> None:
-    """Copy results to the arrays of ``out``, and put these into the list of results.
+    """Copy results to the arrays of ``out``, and put these arrays into the list of results.
 
-    Types are cast as by a ufunc: not to integers.
+    Types are cast as by a ufunc, so not to integers.
     """
     targets = out if isinstance(out, tuple) else (out,)
     if len(targets) != len(results):
@@ -118,10 +118,12 @@ class NumpyColumns:
     def __call__(self, *args: ArrayLike, out: Any = None) -> Any:
         """Evaluate on arrays whose last axes match the signature."""
         returned = self.kernel(*args)
-        results, shared = list(returned[: self.nout]), returned[self.nout :]
+        results = list(returned[: self.nout])
+        shared_values = returned[self.nout :]
         for group, kernel in zip(self.columns.groups, self.groups, strict=True):
             for matrix, column in group.places:
-                results[matrix][..., column] = kernel(*shared, results[matrix][..., column])
+                solution = kernel(*shared_values, results[matrix][..., column])
+                results[matrix][..., column] = solution
         if out is not None:
             _copy_results(results, out, self.__name__)
         return tuple(results)
@@ -140,7 +142,8 @@ class NumpyProducts:
 
     def __call__(self, *args: ArrayLike, out: Any = None) -> Any:
         """Evaluate on arrays whose last axes match the signature."""
-        factors, relations = self.kernel(*args), np.array(self.products.relations)
+        factors = self.kernel(*args)
+        relations = np.array(self.products.relations)
         results: list[Array] = []
         for matrix in self.products.matrices:
             left, right = matrix.before
@@ -148,7 +151,8 @@ class NumpyProducts:
             left, right = matrix.after
             after = factors[left] @ factors[right]
             zero = before.dtype.type(0)
-            M: Array = np.where(relations == BEFORE, before, np.where(relations == AFTER, after, zero))
+            after_or_zero = np.where(relations == AFTER, after, zero)
+            M: Array = np.where(relations == BEFORE, before, after_or_zero)
             for row, column, constant in matrix.added:
                 M[..., row, column] += constant
             results.append(M)
@@ -173,7 +177,7 @@ class NumpySearch:
     ) -> tuple[Array, ...]:
         """Run all attempts of all samples.
 
-        ``places`` are the start configurations after the first, ``reached`` the target entries at these.
+        ``places`` are further start configurations, used after ``start``, and ``reached`` the target entries at these.
         """
         s = self.search
         size, target_axes = s.x.size, len(s.target.shape)
@@ -183,9 +187,9 @@ class NumpySearch:
         x = np.broadcast_to(start, (*batch, size)).reshape(-1, size)
         x = np.minimum(np.maximum(x, s.least), s.most)
         tolerances = np.broadcast_to(self._tolerances(settings), (len(x), self._tolerance_count()))
-        given = np.concatenate([targets, tolerances], axis=1)
+        targets_and_tolerances = np.concatenate([targets, tolerances], axis=1)
         max_steps = int(settings[TIMES])
-        best = self._attempt(given, x, max_steps)  # memories of the best attempts
+        best = self._attempt(targets_and_tolerances, x, max_steps)  # memories of the best attempts
         attempt_counts = np.ones(len(x))
         rows = np.flatnonzero(_is_unfinished(best[:, status]))  # samples that need another attempt
         weights = settings[TOLERANCES + self._tolerance_count() :]
@@ -196,15 +200,15 @@ class NumpySearch:
                 break
             nearest = np.argmin(distances, axis=1)
             distances[np.arange(len(rows)), nearest] = np.inf  # each start is used once
-            attempt = self._attempt(given[rows], places[nearest], max_steps)
+            attempt = self._attempt(targets_and_tolerances[rows], places[nearest], max_steps)
             old_best = best[rows]
-            unfinished = _is_unfinished(attempt[:, status])
+            is_unfinished = _is_unfinished(attempt[:, status])
             new_error, old_error = attempt[:, error], old_best[:, error]
             has_first_number = np.isnan(old_error) & ~np.isnan(new_error)
-            is_better = ~unfinished | (new_error < old_error) | has_first_number
+            is_better = ~is_unfinished | (new_error < old_error) | has_first_number
             best[rows] = np.where(is_better[:, None], attempt, old_best)
             attempt_counts[rows] += 1
-            rows, distances = rows[unfinished], distances[unfinished]
+            rows, distances = rows[is_unfinished], distances[is_unfinished]
         configurations = best[:, :size].reshape((*batch, -1))
         # The last two columns of the memory, steps without progress and the flag to continue, are not reported.
         reports = np.concatenate([attempt_counts[:, None], best[:, status:-2]], axis=1).reshape((*batch, -1))
@@ -215,23 +219,23 @@ class NumpySearch:
         return tuple(out)
 
     def _tolerance_count(self) -> int:
-        """Number of tolerances."""
+        """Number of tolerances, which follow the target entries in the last input of the program."""
         return self.search.program.inputs[-1].size - self.search.target.size
 
     def _tolerances(self, settings: Array) -> Array:
         """Tolerances in the settings."""
         return settings[TOLERANCES : TOLERANCES + self._tolerance_count()]
 
-    def _attempt(self, given: Array, x: Array, max_steps: int) -> Array:
-        """Memory after the last step of an attempt, one row for each sample.
+    def _attempt(self, targets_and_tolerances: Array, x: Array, max_steps: int) -> Array:
+        """Memory after the last step of an attempt from x, one row for each sample.
 
         An attempt ends when the target is found, progress stops, or ``max_steps`` are made.
         """
-        begins = np.broadcast_to(self.search.begins, (len(x), len(self.search.begins)))
-        memory = np.concatenate([x, begins], axis=1)
+        initial_values = np.broadcast_to(self.search.begins, (len(x), len(self.search.begins)))
+        memory = np.concatenate([x, initial_values], axis=1)
         rows = np.arange(len(x))  # samples whose attempt goes on
         for _ in range(max_steps):
-            x, memory[rows] = self.kernel(x, x, memory[rows], given[rows])
+            x, memory[rows] = self.kernel(x, x, memory[rows], targets_and_tolerances[rows])
             continues = memory[rows, -1] > 0.0
             rows, x = rows[continues], x[continues]
             if not len(rows):
@@ -240,8 +244,9 @@ class NumpySearch:
 
 
 def _is_unfinished(status: Array) -> Array:
-    """Mask of samples without an answer: neither found nor invalid. NaN counts as no answer."""
-    return np.asarray(~((status < 0) | (status > 0)))
+    """Mask of samples without an answer: neither found (status above 0) nor invalid (below 0). NaN counts as no answer."""
+    has_answer = (status < 0) | (status > 0)
+    return np.asarray(~has_answer)
 
 
 class NumpySteps:

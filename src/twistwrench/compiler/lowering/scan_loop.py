@@ -1,7 +1,7 @@
 """The loop of a scan: for each block of samples, all steps in order.
 
-The function type is that of :mod:`.batch_loop`. The state of a block stays in buffers from the first step to the last. Inputs
-that are equal for all steps are copied once, and rows of results are stored at the end of their step.
+The loop is a function of the type in :mod:`.batch_loop`. The state of a block stays in buffers from the first step to the last.
+Inputs that are equal for all steps are copied once. Each stored row of states holds the states after its last step.
 """
 
 from __future__ import annotations
@@ -37,65 +37,69 @@ TABLE = "stages"
 def loop_over(recurrence: Scan) -> Loop:
     """Return a writer of the scan's loop around its program's blocks."""
 
-    def write(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
-        loop = _Steps(recurrence, LlvmWriter(precision, lanes), frame)
-        loop.write()
+    def write(name: str, _program: Program, precision: Precision, lanes: int, frame_bytes: int, _group: int) -> str:
+        writer = _LoopWriter(recurrence, LlvmWriter(precision, lanes), frame_bytes)
+        writer.write()
         helpers = [copying("gather", precision, lanes, inward=True), copying("scatter", precision, lanes, inward=False)]
-        if loop.large:
+        if writer.is_on_heap:
             helpers += [nan_filler(precision, lanes), MEMORY_DECLARATIONS]
-        return "\n".join([*helpers, COPY_DECLARATION, _stage_table(recurrence, loop.w), *loop_function(name, loop.w)])
+        table = _stage_table(recurrence, writer.w)
+        return "\n".join([*helpers, COPY_DECLARATION, table, *loop_function(name, writer.w)])
 
     return write
 
 
 def _stage_table(recurrence: Scan, w: LlvmWriter) -> str:
-    """Constant with the scan's table; empty if it has no numbers."""
+    """Constant with the scan's table, in which each number stands once for every lane; empty if the table has no numbers."""
     numbers: list[str] = []
     for row in recurrence.table:
         numbers += [w.number(x) for x in row] * w.lanes
     if not numbers:
         return ""
-    kind = f"[{len(numbers)} x {w.element}]"
-    return f"@{TABLE} = internal constant {kind} [{typed_list(w.element, numbers)}], align {LINE}"
+    array_type = f"[{len(numbers)} x {w.element}]"
+    return f"@{TABLE} = internal constant {array_type} [{typed_list(w.element, numbers)}], align {LINE}"
 
 
 class _Operand:
-    """Array of the caller: address, shape and strides. All but initial states have an axis of steps or of stored rows."""
+    """Array of the caller: address, shape and strides.
 
-    def __init__(self, port: TensorSpec, base: str, outer: str, inner: list[str], *, stepped: bool) -> None:
-        self.port, self.base, self.outer = port, base, outer
-        self.strides = inner
+    Its first core axis has an entry for each step (inputs) or for each stored row (results). Initial states have no such axis.
+    """
+
+    def __init__(self, port: TensorSpec, base: str, sample_stride: str, strides: list[str], *, has_steps: bool) -> None:
+        self.port, self.base, self.sample_stride = port, base, sample_stride
+        self.strides = strides
         """Strides of all core axes."""
-        self.along = "0"
-        """Stride of the axis of steps or rows; 0 if the array is the same for all steps."""
-        self.inner = inner
+        self.step_stride = "0"
+        """Stride of the axis of steps or rows; 0 if the array is equal for all steps."""
+        self.entry_strides = strides
         """Strides of the other core axes."""
-        if stepped:
-            self.along, *self.inner = inner
+        if has_steps:
+            self.step_stride, *self.entry_strides = strides
 
-    def with_rows(self, rows: str) -> tuple[str, list[int | str], Step]:
-        """Address, shape and strides of a result with its axis of ``rows``."""
-        return self.base, [rows, *self.port.shape], (self.outer, self.strides)
+    def with_rows(self, row_count: str) -> tuple[str, list[int | str], Step]:
+        """Address, shape and strides of a result with its axis of rows."""
+        return self.base, [row_count, *self.port.shape], (self.sample_stride, self.strides)
 
     @property
-    def step(self) -> Step:
-        """Strides of the samples of one step."""
-        return self.outer, self.inner
+    def strides_in_step(self) -> Step:
+        """Strides of samples and entries within one step."""
+        return self.sample_stride, self.entry_strides
 
 
-class _Steps:
+class _LoopWriter:
     """Writer of one loop."""
 
-    def __init__(self, recurrence: Scan, w: LlvmWriter, frame: int) -> None:
-        self.r, self.w, self.frame = recurrence, w, frame
+    def __init__(self, recurrence: Scan, w: LlvmWriter, frame_bytes: int) -> None:
+        self.r, self.w, self.frame_bytes = recurrence, w, frame_bytes
         self.program = recurrence.program
-        self.starts = sorted({s.state for s in recurrence.sources if s.kind == "start"})
+        self.saved_states = sorted({source.state for source in recurrence.sources if source.kind == "start"})
         """Numbers of the states whose values at the beginning of a step are needed."""
-        starts = [recurrence.states[j] for j in self.starts]
+        starts = [recurrence.states[j] for j in self.saved_states]
         given = [self.program.inputs[k] for k in recurrence.given]
         self.ports = [*recurrence.states, *starts, *given, *self.program.outputs]
         """Shapes of the buffers."""
-        self.large = frame + sum(buffer_sizes(w, self.ports)) > ON_STACK
+        self.is_on_heap = frame_bytes + sum(buffer_sizes(w, self.ports)) > ON_STACK
         """True if the buffers do not fit on the stack."""
 
     def write(self) -> None:
@@ -104,19 +108,22 @@ class _Steps:
         samples = w.new("load i64, ptr %dims, align 8")
         operands = self._operands()
         inputs, outputs = operands[: len(r.inputs)], operands[len(r.inputs) :]
-        row_count = self._size(-1)
+        row_count = self._axis_length(-1)
         allocation, label = self._allocate(samples, outputs, row_count)
-        if self.frame:
-            w.do(f"call void @prepare(ptr {self.room})")
+        if self.frame_bytes:
+            w.do(f"call void @prepare(ptr {self.frame})")
         stores_nothing = w.new(f"icmp slt i64 {row_count}, 1")
-        step_count = self._size(len(r.inputs) - 1)
+        step_count = self._axis_length(len(r.inputs) - 1)
         divisor = w.new(f"select i1 {stores_nothing}, i64 1, i64 {row_count}")
         steps_per_row = w.new(f"sdiv i64 {step_count}, {divisor}")
         with w.loop(w.blocks(samples), label) as block:
-            first = w.new(f"mul i64 {block}, {w.lanes}")
-            self.count, is_partial = w.share(samples, first)
-            self.whole = w.new(f"xor i1 {is_partial}, true")
-            addresses = [w.gep(operand.base, w.new(f"mul i64 {first}, {operand.outer}")) for operand in operands]
+            first_sample = w.new(f"mul i64 {block}, {w.lanes}")
+            self.sample_count, is_partial = w.share(samples, first_sample)
+            self.is_whole_block = w.new(f"xor i1 {is_partial}, true")
+            addresses = []  # of the block's first sample in each array
+            for operand in operands:
+                offset = w.new(f"mul i64 {first_sample}, {operand.sample_stride}")
+                addresses.append(w.gep(operand.base, offset))
             for k, operand in enumerate(inputs[: r.visible]):
                 self._copy("gather", self.state[k], addresses[k], operand)
             for k in range(r.visible, len(r.states)):
@@ -128,13 +135,14 @@ class _Steps:
                 begins_row = w.new(f"icmp eq i64 {step_in_row}, 0")
                 next_step_in_row = w.new(f"add i64 {step_in_row}, 1")
                 ends_row = w.new(f"icmp eq i64 {next_step_in_row}, {steps_per_row}")
-                rows = []  # of the results
+                row_addresses = []  # of the results
                 for address, operand in zip(addresses[len(inputs) :], outputs, strict=True):
-                    rows.append(w.gep(address, w.new(f"mul i64 {row}, {operand.along}")))
-                self._step(begins_row, rows[r.visible :], outputs[r.visible :])
+                    offset = w.new(f"mul i64 {row}, {operand.step_stride}")
+                    row_addresses.append(w.gep(address, offset))
+                self._step(begins_row, row_addresses[r.visible :], outputs[r.visible :])
                 with w.when(ends_row):
                     for k, operand in enumerate(outputs[: r.visible]):
-                        self._copy("scatter", self.state[k], rows[k], operand)
+                        self._copy("scatter", self.state[k], row_addresses[k], operand)
         if allocation:
             w.do(f"call void @free(ptr {allocation})")
 
@@ -150,33 +158,38 @@ class _Steps:
             has_steps = k >= r.visible  # all but the initial states
             base = w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8")
             axis_count = len(port.shape) + has_steps
-            outer, inner = load_strides(w, k, next_stride, axis_count)
+            sample_stride, strides = load_strides(w, k, next_stride, axis_count)
             next_stride += axis_count
-            operands.append(_Operand(port, base, outer, inner, stepped=has_steps))
+            operands.append(_Operand(port, base, sample_stride, strides, has_steps=has_steps))
         return operands
 
-    def _size(self, operand: int) -> str:
-        """Length of an operand's axis of steps or rows."""
-        axis = axes_of(self.r.signature)[operand][0]
-        return self.w.new(f"load i64, ptr {self.w.gep('%dims', 8 * axis)}, align 8")
+    def _axis_length(self, operand: int) -> str:
+        """Length of the axis of steps or rows of an operand, given by its index."""
+        axes = axes_of(self.r.signature)[operand]
+        length_address = self.w.gep("%dims", 8 * axes[0])
+        return self.w.new(f"load i64, ptr {length_address}, align 8")
 
     def _allocate(self, samples: str, outputs: Sequence[_Operand], row_count: str) -> tuple[str, str]:
-        """Allocate all buffers; returns the pointer to free, empty for buffers on the stack, and the current label."""
-        w, allocation, label = self.w, "", "entry"
+        """Allocate all buffers.
+
+        Returns the pointer to free, which is empty for buffers on the stack, and the label of the current basic block.
+        """
+        w = self.w
+        allocation, label = "", "entry"
         sizes = buffer_sizes(w, self.ports)
-        self.room = ""
-        if self.large:
+        self.frame = ""
+        if self.is_on_heap:
             results = [operand.with_rows(row_count) for operand in outputs]
-            allocation, label, (*buffers, self.room) = allocate(w, [*sizes, self.frame], samples, results)
+            allocation, label, (*buffers, self.frame) = allocate(w, [*sizes, self.frame_bytes], samples, results)
         else:
             buffers = [w.new(f"alloca [{size} x i8], align {LINE}") for size in sizes]
-            if self.frame:
-                self.room = w.new(f"alloca [{self.frame} x i8], align {LINE}")
-        remaining = iter(buffers)  # in the order of ``ports``
-        self.state = [next(remaining) for _ in self.r.states]
-        self.start = {j: next(remaining) for j in self.starts}
-        self.given = {k: next(remaining) for k in self.r.given}
-        self.results = list(remaining)
+            if self.frame_bytes:
+                self.frame = w.new(f"alloca [{self.frame_bytes} x i8], align {LINE}")
+        next_buffer = iter(buffers)  # in the order of ``ports``
+        self.state = [next(next_buffer) for _ in self.r.states]
+        self.start = {j: next(next_buffer) for j in self.saved_states}
+        self.given = {k: next(next_buffer) for k in self.r.given}
+        self.results = list(next_buffer)
         return allocation, label
 
     # ── steps ──
@@ -186,24 +199,25 @@ class _Steps:
         w = self.w
         is_first = w.new(f"icmp eq i64 {step}, 0")
         for buffer, address, operand in zip(self.given.values(), addresses, operands, strict=True):
-            changes = w.new(f"icmp ne i64 {operand.along}, 0")
+            changes = w.new(f"icmp ne i64 {operand.step_stride}, 0")
             with w.when(w.new(f"or i1 {is_first}, {changes}")):
-                address_of_step = w.gep(address, w.new(f"mul i64 {step}, {operand.along}"))
+                offset = w.new(f"mul i64 {step}, {operand.step_stride}")
+                address_of_step = w.gep(address, offset)
                 self._copy("gather", buffer, address_of_step, operand)
 
-    def _step(self, begins_row: str, rows: Sequence[str], reported: Sequence[_Operand]) -> None:
+    def _step(self, begins_row: str, row_addresses: Sequence[str], reported: Sequence[_Operand]) -> None:
         """Evaluate the program once for each stage of a step; the first step of a row stores the reported results."""
         w, r = self.w, self.r
         for j, start in self.start.items():
             self._copy_buffer(start, self.state[j], r.states[j])
-        frame = [self.room] if self.frame else []
+        frame = [self.frame] if self.frame_bytes else []
         for stage in range(len(r.table)):
             inputs = [self._input_address(k, stage) for k in range(len(r.sources))]
             call_block(w, [*inputs, *self.results, *frame])
             if stage == 0 and reported:
                 with w.when(begins_row):
-                    for k, row, operand in zip(r.reported, rows, reported, strict=True):
-                        self._copy("scatter", self.results[k], row, operand)
+                    for k, address, operand in zip(r.reported, row_addresses, reported, strict=True):
+                        self._copy("scatter", self.results[k], address, operand)
             # The first results are the new states; the others stay in their buffers.
             for state, result, port in zip(self.state, self.results, r.states, strict=False):
                 self._copy_buffer(state, result, port)
@@ -226,18 +240,19 @@ class _Steps:
         If the block is whole and its samples are contiguous, the copy needs no call.
         """
         w, element_bytes = self.w, self.w.precision.bytes
-        is_simple = self.whole
-        for stride in operand.inner:
+        sample_bytes = operand.port.size * element_bytes
+        is_simple = self.is_whole_block
+        for stride in operand.entry_strides:
             is_contiguous = w.new(f"icmp eq i64 {stride}, {element_bytes}")
             is_simple = w.new(f"and i1 {is_simple}, {is_contiguous}")
         with w.when(is_simple):
             for lane in range(w.lanes):
-                in_buffer = w.gep(buffer, lane * operand.port.size * element_bytes)
-                in_array = w.gep(address, w.new(f"mul i64 {operand.outer}, {lane}"))
+                in_buffer = w.gep(buffer, lane * sample_bytes)
+                in_array = w.gep(address, w.new(f"mul i64 {operand.sample_stride}, {lane}"))
                 target, source = (in_buffer, in_array) if which == "gather" else (in_array, in_buffer)
-                self._copy_bytes(target, source, operand.port.size * element_bytes, element_bytes)
+                self._copy_bytes(target, source, sample_bytes, element_bytes)
         with w.when(w.new(f"xor i1 {is_simple}, true")):
-            call_copy(w, which, buffer, address, self.count, operand.port.shape, operand.step)
+            call_copy(w, which, buffer, address, self.sample_count, operand.port.shape, operand.strides_in_step)
 
     def _copy_buffer(self, target: str, source: str, port: TensorSpec) -> None:
         """Copy a whole buffer."""

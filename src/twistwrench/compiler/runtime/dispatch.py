@@ -33,14 +33,23 @@ MAX_CHAIN_LENGTH = 16
 LONG_PROGRAM = 4000
 """Number of instructions of a program that takes a second to compile."""
 INSTRUCTIONS_PER_CALL = 100
-"""Builtins of longer programs are made only after one call for each 100 instructions."""
+"""Number of instructions of a long program for which one call is awaited before its builtin is made."""
+_CALLS_BEFORE_SHORT = 2
+"""Number of calls before the builtin of a short program is made."""
 
-_SCALAR, _NEW_FROM_DESCRIPTOR = 60, 94
-"""Slots of PyArray_Scalar and PyArray_NewFromDescr in NumPy's array API table; fixed since NumPy 1.0."""
+# Slots in NumPy's array API table, fixed since NumPy 1.0.
+_SCALAR = 60
+"""PyArray_Scalar."""
+_NEW_FROM_DESCRIPTOR = 94
+"""PyArray_NewFromDescr."""
 
-FASTCALL, KEYWORDS = 0x0080, 0x0002
-"""CPython's flags of functions that take an array of arguments and its length, and of those that also take a tuple of keyword
-names."""
+# CPython's flags of functions.
+FASTCALL = 0x0080
+"""Arguments are an array and its length."""
+KEYWORDS = 0x0002
+"""A tuple of keyword names follows them."""
+
+_ADDRESS_BYTES = 8
 
 
 @dataclass(frozen=True)
@@ -48,11 +57,11 @@ class CallSignature:
     """Kind of call with one sample: its options, and the type and batch shape of all arrays."""
 
     options: tuple[tuple[str, Any], ...] = ()
-    """Parameters by name with their values (compared by identity); all others have their defaults."""
+    """Names of parameters with their values, which are compared by identity; all others have their defaults."""
     batch: tuple[int, ...] = ()
-    """Batch shape of all arrays: empty, or ones."""
+    """Batch shape of all arrays: empty, or only ones."""
     char: str = "d"
-    """NumPy's type letter of all arrays."""
+    """NumPy's type letter of the entries of all arrays."""
 
 
 class kernel(bytes):  # its name is in the builtin's repr: "built-in method … of kernel object"
@@ -66,10 +75,10 @@ class kernel(bytes):  # its name is in the builtin's repr: "built-in method … 
     owner: Any
     """Object whose method the builtin replaces."""
     kept: dict[str, Any]
-    """All objects that the builtin refers to, by name; a reference keeps them alive."""
+    """All objects whose addresses the builtin uses, by name; the references here keep them alive."""
 
     def hand_on_to(self, other: Callable[..., Any]) -> None:
-        """Set the callable for all calls that the builtin does not handle."""
+        """Set the fallback, to which the builtin passes all calls that it does not handle."""
         self.kept["fallback"] = other
         self.kept["place"].value = id(other)  # the builtin reads the address here
 
@@ -78,7 +87,7 @@ class kernel(bytes):  # its name is in the builtin's repr: "built-in method … 
 
 
 def _itself(owner: Any) -> Any:
-    """The argument: what ``pickle`` calls to read a :class:`kernel` back."""
+    """The argument itself: ``pickle`` calls this function to read a :class:`kernel` back."""
     return owner
 
 
@@ -94,7 +103,7 @@ class _MethodDefinition(ctypes.Structure):
 
 
 class _KeepingText(str):
-    """Name of a builtin's module. The builtin holds it, and it holds the builtin's objects, which it thus keeps alive."""
+    """Name of a builtin's module, which keeps the builtin's objects alive: the builtin has a reference to this text."""
 
     kept: dict[str, Any]
 
@@ -102,27 +111,28 @@ class _KeepingText(str):
 def builtin(name: str, doc: str, code: Code, flags: int, context: bytes, kept: dict[str, Any]) -> Any:
     """Machine code as a builtin function of Python, whose ``self`` is ``context``; it keeps ``kept`` alive."""
     definition = _MethodDefinition(name.encode(), code.address, flags, doc.encode())
-    keeper = _KeepingText("twistwrench.robot")
-    keeper.kept = kept
+    module_name = _KeepingText("twistwrench.robot")
+    module_name.kept = kept
     kept.update(code=code, definition=definition)
     new_function = ctypes.pythonapi.PyCFunction_NewEx
     new_function.restype = ctypes.py_object
     new_function.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
-    return new_function(ctypes.addressof(definition), context, keeper)
+    return new_function(ctypes.addressof(definition), context, module_name)
 
 
 def table_of(addresses: list[int]) -> bytes:
     """Table of addresses as bytes, 8 for each."""
-    return b"".join(address.to_bytes(8, sys.byteorder) for address in addresses)
+    return b"".join(address.to_bytes(_ADDRESS_BYTES, sys.byteorder) for address in addresses)
 
 
 def address_of(name: str) -> int:
     """Address of a function of Python's C API."""
-    return ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value or 0
+    function = getattr(ctypes.pythonapi, name)
+    return ctypes.cast(function, ctypes.c_void_p).value or 0  # ctypes has None for address 0
 
 
 def _owner(kernel: Any) -> Any:
-    """Owner of a compiled kernel in CPython with the GIL; otherwise None."""
+    """Owner of a kernel, if it is compiled and Python is CPython with the GIL; otherwise None."""
     if not abi_matches():
         return None
     return owner_of(kernel)
@@ -131,7 +141,7 @@ def _owner(kernel: Any) -> Any:
 def make_call(
     ufunc: Any, method: Callable[..., Any], name: str, call: CallSignature | None = None
 ) -> Callable[..., Any] | None:
-    """Builtin that evaluates ``ufunc`` for calls of one kind, and calls the bound ``method`` for all others.
+    """Builtin that evaluates ``ufunc`` for calls of one kind, and passes all others to the bound ``method``.
 
     None if it cannot be made: no compiled kernel, a method with other parameters, or an interpreter of another build.
     """
@@ -139,18 +149,18 @@ def make_call(
     if owner is None:
         return None
     call = call or CallSignature()
-    parameters = inspect.signature(method, follow_wrapped=False)
-    layout = _layout(owner.given, parameters, call)
+    signature = inspect.signature(method, follow_wrapped=False)
+    layout = _layout(owner.given, signature, call)
     if layout is None:
         return None
     dtype = np.dtype(call.char)
     fallback_address = ctypes.c_void_p(id(method))
     loop = owner.scalar_code(layout.precision)
-    names = list(parameters.parameters)
+    parameters = list(signature.parameters.values())
     options = dict(call.options)
-    objects = list[Any](names)  # the names of the parameters, then the values of the options
+    objects: list[Any] = [parameter.name for parameter in parameters]  # then the values of the options
     for k, _ in layout.options:
-        objects.append(options.get(names[k], parameters.parameters[names[k]].default))
+        objects.append(options.get(parameters[k].name, parameters[k].default))
     addresses = {
         "array_type": id(np.ndarray),
         "list_type": id(list),
@@ -179,7 +189,7 @@ def make_call(
         "dtype": dtype,
         "objects": objects,
     }
-    without_annotations = [p.replace(annotation=p.empty) for p in parameters.parameters.values()]
+    without_annotations = [parameter.replace(annotation=parameter.empty) for parameter in parameters]
     # inspect.signature reads the signature of a builtin from this form of its docstring.
     doc = f"{name}{inspect.Signature(without_annotations)}\n--\n\n{method.__doc__ or ''}"
     code = assemble(call_assembly(layout), CALL, owner.machine)
@@ -192,26 +202,28 @@ def _layout(program: Form | KernelMetadata, signature: inspect.Signature, call: 
 
     The first parameters of the method are the program's inputs, and the others are options.
     """
-    inputs, outputs = _with_batch(program.inputs, call.batch), _with_batch(program.outputs, call.batch)
+    inputs = _with_batch(program.inputs, call.batch)
+    outputs = _with_batch(program.outputs, call.batch)
     parameters = signature.parameters
     names = list(parameters)
     input_count = len(inputs)
     options = dict(call.options)
     unknown_options = options.keys() - names[input_count:]
-    if input_count > len(names) or any(n != 1 for n in call.batch) or unknown_options:
+    has_several_samples = any(length != 1 for length in call.batch)
+    if input_count > len(names) or has_several_samples or unknown_options:
         return None
     returns_number_in_tuple = len(outputs) > 1 and not all(port.shape for port in program.outputs)
     has_empty_array = not all(port.size for port in (*inputs, *outputs))
     if returns_number_in_tuple or has_empty_array:
         return None
-    option_defaults = []  # number of the parameter, and True if its default is meant
-    out = -1  # number of the parameter "out", if there is one
+    option_defaults = []  # index of the parameter, and True if its value is the default
+    out_index = -1  # of the parameter "out"; -1 without such a parameter
     for k, name in enumerate(names[input_count:], start=input_count):
         default = parameters[name].default
         if name not in options and default is inspect.Parameter.empty:
             return None
         if name == "out":
-            out = k
+            out_index = k
             continue
         value = options.get(name, default)
         is_equal_text = type(value) is str and value == default
@@ -220,7 +232,7 @@ def _layout(program: Form | KernelMetadata, signature: inspect.Signature, call: 
     precision = SINGLE if call.char == SINGLE.char else DOUBLE
     positional_count = len(names) - len(keyword_only)
     return CallLayout(
-        inputs, outputs, precision, len(names), positional_count, tuple(option_defaults), out, len(call.batch)
+        inputs, outputs, precision, len(names), positional_count, tuple(option_defaults), out_index, len(call.batch)
     )
 
 
@@ -235,7 +247,7 @@ def is_made_here(function: Any) -> bool:
 
 
 def attach_fallback(first: Any, other: Any) -> None:
-    """Insert ``other`` between ``first`` and its fallback, unless the chain has :data:`MOST_IN_A_ROW` builtins already."""
+    """Insert ``other`` between ``first`` and its fallback, unless the chain already has :data:`MAX_CHAIN_LENGTH` builtins."""
     chain_length = 1
     fallback = first.__self__.kept["fallback"]
     while is_made_here(fallback):
@@ -252,16 +264,16 @@ def calls_before(ufunc: Any) -> int:
     if owner is None:
         return 0
     if owner.length < LONG_PROGRAM:
-        return 2
+        return _CALLS_BEFORE_SHORT
     return owner.length // INSTRUCTIONS_PER_CALL
 
 
 # ── Prepared calls of a kernel's loop, row by row: NumPy's overhead for a ufunc exceeds the run time of short loops
 
-# A table has a row of operands' addresses for each call. ``call(number, array)`` copies the array to one operand of row
+# A table has a row for each call: the addresses of the operands. ``call(number, array)`` copies the array to one operand of row
 # ``number``, runs the loop on the row, and returns one number of the results as a float. ``call(number)`` uses the operand
-# unchanged. If the array is not a contiguous float64 array, the call returns None without effect. The code contains sizes but
-# no addresses, which are in ``self``.
+# unchanged. If the array is not a contiguous float64 array, the call returns None without effect. The code contains sizes;
+# the addresses are in ``self``.
 
 ROW_POINTERS = (
     "none",
@@ -278,32 +290,31 @@ ROW_POINTERS = (
 """Names of the addresses in ``self``, 8 bytes each, in their order."""
 
 Rows = tuple[Array, NDArray[np.intp]]
-"""Rows of one operand, an array (m, ...), and the number of the row that each of n calls uses, (n,)."""
+"""Rows of one operand: an array (m, ...), and the index of the row that each of n calls uses, (n,)."""
 
 
 @cache
-def _row_code(operands: int, size: int, taken: int, passed: int, machine: Machine) -> Code:
-    """Code of a call.
-
-    It copies an array of ``size`` doubles to the operand number ``taken``, and returns the first number of the operand number
-    ``passed``.
-    """
+def _row_code(operand_count: int, size: int, taken: int, passed: int, machine: Machine) -> Code:
+    """Code of a call, which copies ``size`` doubles to operand ``taken`` and returns the first number of operand ``passed``."""
     call = BuiltinWriter(DOUBLE, ROW_POINTERS)
     w = call.w
     number = w.new(f"call i64 {call.known('as_number')}(ptr {call.entry('%args', 0)})")
-    row = w.gep(call.known("table"), w.new(f"mul i64 {number}, {8 * operands}"))
-    call.fork("icmp eq i64 %count, 1", "run", "copy")
+    row_bytes = _ADDRESS_BYTES * operand_count
+    row = w.gep(call.known("table"), w.new(f"mul i64 {number}, {row_bytes}"))
+    call.fork("icmp eq i64 %count, 1", "run", "copy")  # without an array, nothing is copied
     call.begin("copy")
     source = call.array(call.entry("%args", 1), TensorSpec("x", (size,)))
     target = call.entry(row, taken)
-    w.do(f"call void @llvm.memcpy.p0.p0.i64(ptr align 8 {target}, ptr align 8 {source}, i64 {8 * size}, i1 false)")
+    array_bytes = DOUBLE.bytes * size
+    w.do(f"call void @llvm.memcpy.p0.p0.i64(ptr align 8 {target}, ptr align 8 {source}, i64 {array_bytes}, i1 false)")
     w.do("br label %run")
     call.begin("run")
     w.do(f"call void {call.known('loop')}(ptr {row}, ptr {call.known('sizes')}, ptr {call.known('strides')}, ptr null)")
     new_float = call.known("new_float")
     value = w.new(f"load double, ptr {call.entry(row, passed)}, align 8")
-    w.do(f"ret ptr {w.new(f'call ptr {new_float}(double {value})')}")
-    call.begin("slow")
+    result = w.new(f"call ptr {new_float}(double {value})")
+    w.do(f"ret ptr {result}")
+    call.begin("slow")  # for other arrays
     none = call.known("none")
     w.do(f"call void {call.known('incref')}(ptr {none})")
     w.do(f"ret ptr {none}")
@@ -320,10 +331,9 @@ def can_bind_calls(kernel: Any) -> bool:
 def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, passed: int) -> Callable[..., Any]:
     """Function ``call`` that makes one of n prepared calls of a kernel.
 
-    Each call uses one row of every operand; for a scan, it makes one step. ``call(k, x)`` copies x to the row of operand number
-    ``taken``, makes call number k, and returns the first number of operand number ``passed``. ``call(k)`` uses the row
-    unchanged. If x is not a contiguous float64 array of the operand's size, the call returns None without effect. k is not
-    checked.
+    Each call uses one row of every operand; for a scan, it makes one step. ``call(k, x)`` copies x to the row of operand
+    ``taken``, makes call k, and returns the first number of operand ``passed``. ``call(k)`` uses the row unchanged. If x is not
+    a contiguous float64 array of the operand's size, the call returns None without effect. k is not checked.
     """
     owner = _owner(kernel)
     if owner is None:
@@ -334,14 +344,16 @@ def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, passed: int) -
     for port, axes, (array, _) in zip(ports, axes_of(owner.given.signature), operands, strict=True):
         if array.shape[1:] != port.shape or array.dtype != np.float64:
             raise KernelError(f"{port.name}: rows {array.shape[1:]} of {array.dtype}, and not {port.shape} of float64.")
-        scan_axes = len(axes) - len(port.shape)  # the axes of a scan's steps and rows have length 1
-        sizes |= dict(zip(axes, (1,) * scan_axes + port.shape, strict=True))
-        strides += [0] * scan_axes + list(array.strides[1:])
+        scan_axis_count = len(axes) - len(port.shape)  # the axes of a scan's steps and rows have length 1
+        axis_lengths = (1,) * scan_axis_count + port.shape
+        sizes |= dict(zip(axes, axis_lengths, strict=True))
+        strides += [0] * scan_axis_count + list(array.strides[1:])
     arrays, row_numbers = zip(*operands, strict=True)
-    first_rows = np.array([array.ctypes.data for array in arrays], np.intp)
+    first_addresses = np.array([array.ctypes.data for array in arrays], np.intp)
     row_strides = np.array([array.strides[0] for array in arrays], np.intp)
+    row_addresses = first_addresses + np.stack(row_numbers, axis=1) * row_strides  # (n, operands)
     tables = {
-        "table": np.ascontiguousarray(first_rows + np.stack(row_numbers, axis=1) * row_strides),
+        "table": np.ascontiguousarray(row_addresses),
         "sizes": np.array([sizes[k] for k in range(len(sizes))], np.intp),
         "strides": np.array(strides, np.intp),
     }

@@ -22,16 +22,28 @@ from .jit import assemble
 INSTALL = "install"
 """Name of the function that stores the loop's address and returns the handler's address."""
 
-EXTENSION, STAGE, ARGUMENTS, RESULTS = 8, 32, 72, 112
-"""Offsets in the call frame [bytes]: extension, stage, and tables of pointers to the buffers of arguments and results."""
+# Offsets in the call frame [bytes].
+EXTENSION = 8
+STAGE = 32
+ARGUMENTS = 72  # table of pointers to the buffers of arguments
+RESULTS = 112  # table of pointers to the buffers of results
 
-DATA, RANK, DIMENSIONS = 24, 32, 40
-"""Offsets in a buffer [bytes]: its elements, number of axes, and lengths of the axes."""
+# Offsets in a buffer [bytes].
+DATA = 24  # pointer to the elements
+RANK = 32  # number of axes
+DIMENSIONS = 40  # pointer to the lengths of the axes
 
-TYPE, METADATA = 8, 24
-"""Offsets in an extension [bytes]: its type, and its pointer to metadata."""
-MAJOR_VERSION, MINOR_VERSION = 24, 28
-"""Offsets in metadata [bytes]: the version of the interface for which the handler is written."""
+# Offsets in an extension [bytes].
+TYPE = 8
+METADATA = 24  # pointer to metadata
+
+# Offsets in metadata [bytes]: version of the interface for which the handler is written.
+MAJOR_VERSION = 24
+MINOR_VERSION = 28
+
+_POINTER_BYTES = 8
+_LENGTH_BYTES = 8
+"""Size of a length of an axis, an i64."""
 
 IS_METADATA = 1
 """Type of an extension that requests metadata in place of a call: XLA_FFI_Extension_Metadata."""
@@ -42,44 +54,48 @@ EXECUTE = 3
 def handler_assembly(
     inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec], precision: Precision, version: tuple[int, int]
 ) -> str:
-    """Module for contiguous arrays of these shapes with a common batch shape; at least one array must have elements."""
+    """Module for contiguous arrays of these shapes after a common batch shape; at least one array must have elements."""
     w = LlvmWriter(precision, 1)
     specs = (*inputs, *outputs)
 
-    def load(base: str, offset: int, kind: str = "ptr") -> str:
-        """Field of a structure at an offset, of an LLVM type."""
+    def load(base: str, offset: int, llvm_type: str = "ptr") -> str:
+        """Field of a structure at an offset [bytes]."""
         address = w.gep(base, offset)
-        return w.new(f"load {kind}, ptr {address}")
+        return w.new(f"load {llvm_type}, ptr {address}")
 
     arrays = w.new(f"alloca [{len(specs)} x ptr]")
     samples = w.new("alloca i64")
     extension = load("%frame", EXTENSION)
-    has_none = w.new(f"icmp eq ptr {extension}, null")
-    w.do(f"br i1 {has_none}, label %call, label %query")
+    has_no_extension = w.new(f"icmp eq ptr {extension}, null")
+    w.do(f"br i1 {has_no_extension}, label %call, label %query")
     w.begin("query")
-    asks_for_metadata = w.new(f"icmp eq i32 {load(extension, TYPE, 'i32')}, {IS_METADATA}")
-    w.do(f"br i1 {asks_for_metadata}, label %answer, label %call")
+    extension_type = load(extension, TYPE, "i32")
+    requests_metadata = w.new(f"icmp eq i32 {extension_type}, {IS_METADATA}")
+    w.do(f"br i1 {requests_metadata}, label %answer, label %call")
     w.begin("answer")
     metadata = load(extension, METADATA)
     for offset, number in zip((MAJOR_VERSION, MINOR_VERSION), version, strict=True):
         w.do(f"store i32 {number}, ptr {w.gep(metadata, offset)}")
     w.do("ret ptr null")
     w.begin("call")
-    is_execution = w.new(f"icmp eq i32 {load('%frame', STAGE, 'i32')}, {EXECUTE}")
+    stage = load("%frame", STAGE, "i32")
+    is_execution = w.new(f"icmp eq i32 {stage}, {EXECUTE}")
     w.do(f"br i1 {is_execution}, label %run, label %done")
     w.begin("run")
-    buffers = [load(load("%frame", ARGUMENTS), 8 * k) for k in range(len(inputs))]
-    buffers += [load(load("%frame", RESULTS), 8 * k) for k in range(len(outputs))]
+    buffers = [load(load("%frame", ARGUMENTS), _POINTER_BYTES * k) for k in range(len(inputs))]
+    buffers += [load(load("%frame", RESULTS), _POINTER_BYTES * k) for k in range(len(outputs))]
     for k, buffer in enumerate(buffers):
-        w.do(f"store ptr {load(buffer, DATA)}, ptr {w.gep(arrays, 8 * k)}")
+        elements = load(buffer, DATA)
+        w.do(f"store ptr {elements}, ptr {w.gep(arrays, _POINTER_BYTES * k)}")
     # The number of samples is the product of the lengths of the batch axes of the first array with elements.
     first = next(k for k, spec in enumerate(specs) if spec.size)
     rank = load(buffers[first], RANK, "i64")
-    dims = load(buffers[first], DIMENSIONS)
+    lengths = load(buffers[first], DIMENSIONS)
     w.do(f"store i64 1, ptr {samples}")
     batch_axes = w.new(f"sub i64 {rank}, {len(specs[first].shape)}")
     with w.loop(batch_axes, "run") as axis:
-        length = load(w.gep(dims, w.new(f"mul i64 {axis}, 8")), 0, "i64")
+        offset = w.new(f"mul i64 {axis}, {_LENGTH_BYTES}")
+        length = load(w.gep(lengths, offset), 0, "i64")
         product = w.new(f"mul i64 {load(samples, 0, 'i64')}, {length}")
         w.do(f"store i64 {product}, ptr {samples}")
     loop = w.new("load ptr, ptr @loop")
@@ -110,18 +126,19 @@ class XlaHandler:
     """Handler in memory."""
 
     address: int
+    """Address that XLA calls."""
     keep: tuple[Any, ...]
     """Objects that must live as long as the handler is used."""
 
 
 def is_compiled(kernel: Any) -> bool:
-    """True if a kernel is machine code and has results."""
+    """True if a kernel is machine code and has results with entries."""
     owner = owner_of(kernel)
     return owner is not None and any(port.size for port in owner.given.outputs)
 
 
 def make_handler(kernel: Any, char: str, version: tuple[int, int], *, scalar: bool) -> XlaHandler:
-    """Handler of a compiled kernel for arrays of type ``char``, for one sample (``scalar``) or for any number."""
+    """Handler of a compiled kernel for arrays of type ``char``, NumPy's letter; for one sample (``scalar``) or any number."""
     owner = owner_of(kernel)
     if owner is None:
         raise TypeError("kernel must be compiled (see its is_compiled)")

@@ -21,7 +21,7 @@ from ..verdict import Verdict, Word
 
 
 class Level(IntEnum):
-    """Surfaces that show a block."""
+    """Level of a block: which surfaces show it."""
 
     SHORT = 0
     """All surfaces."""
@@ -38,8 +38,8 @@ Piece: TypeAlias = str | tuple[str, str]
 class Line:
     """Text in pieces, each with an optional style: ``Line(("OK", strong(Style.GOOD)), ": no limit is passed.")``.
 
-    If the line is a cell with a number, ``value`` is the number with all digits. A ``whole`` line, such as a command to copy,
-    is never broken.
+    ``value`` is the number with all digits, if the line is a cell with a number. ``indent`` is a number of blanks. A ``whole``
+    line, such as a command to copy, is never broken.
     """
 
     def __init__(
@@ -67,22 +67,19 @@ class Headline:
     at: str = ""
     """Text between the word and the sentence, with a time: ``STOPPED at t = 1.15 s: …``."""
     reasons: Sequence[str] = ()
-    """Further reasons, each in a line of its own."""
+    """Reasons after the first, each in a line of its own."""
     further: Sequence[Line] = ()
     """Lines with other results that belong to the verdict: largest payload, least distance, questions to the user."""
     whole: bool = False
-    """True if the text is never broken into lines, such as for a sentence with a path."""
+    """True if the text is never broken into lines, as for a sentence with a path."""
     level: Level = Level.SHORT
 
     @classmethod
     def from_verdict(cls, verdict: Verdict, *, further: Sequence[Line] = ()) -> Headline:
         """Headline with all reasons of a verdict."""
-        first, *others = verdict.reasons or ("",)
-        sentence = ""
-        if first:
-            sentence = f"{first.removesuffix('.')}."
-        reasons = [f"{reason.removesuffix('.')}." for reason in others]
-        return cls(verdict.word, sentence, reasons=reasons, further=further)
+        sentences = [f"{reason.removesuffix('.')}." for reason in verdict.reasons if reason]
+        first_sentence = sentences[0] if sentences else ""
+        return cls(verdict.word, first_sentence, reasons=sentences[1:], further=further)
 
     @property
     def pieces(self) -> list[Piece]:
@@ -103,14 +100,14 @@ class Remark:
 
     sentence: str
     do: str = ""
-    """Remedy, printed first."""
+    """Remedy, printed before the sentence; empty if there is none."""
     reading: bool = False
     """True for a note on how a file was read."""
     level: Level = Level.SHORT
 
     @property
     def words(self) -> str:
-        """Remedy and sentence."""
+        """Remedy and sentence as one text."""
         if self.do:
             return f"{self.do}: {self.sentence}"
         return self.sentence
@@ -130,13 +127,15 @@ class Bar:
 
     @property
     def pieces(self) -> list[Piece]:
-        """Twelve characters and the text, in the colour of the share."""
-        filled = min(_BAR_WIDTH, round(self.share * _BAR_WIDTH))
-        return [("━" * filled, self.style), ("─" * (_BAR_WIDTH - filled), Style.QUIET), *self.label]
+        """Bar of :data:`_BAR_WIDTH` characters and the text, in the colour of the share."""
+        filled_width = min(_BAR_WIDTH, round(self.share * _BAR_WIDTH))
+        filled_part = ("━" * filled_width, self.style)
+        empty_part = ("─" * (_BAR_WIDTH - filled_width), Style.QUIET)
+        return [filled_part, empty_part, *self.label]
 
     @property
     def label(self) -> list[Piece]:
-        """The text in the colour of the share."""
+        """The text in the colour of the share; no piece without a text."""
         if self.text:
             return [(self.text, self.style)]
         return []
@@ -185,16 +184,17 @@ class Column:
     values: Sequence[Any]
     show: Callable[[Any], Cell] = cell_text
     unit: str = ""
-    """Unit of the values; all units if rows have different ones. Shares are ratios without a unit."""
+    """Unit of the values; all units if rows have different ones; empty for shares."""
     headed: bool = True
-    """False if the head does not show the unit, which is in the title or in another column."""
+    """True if the head shows the unit; False if the unit is in the title or in another column."""
     limits: Sequence[float] | None = None
-    """Limits shown behind the values."""
+    """Limit of each row, shown behind its value."""
     words: bool = False
     """True for words, aligned left; numbers are aligned right."""
     whole: bool = True
     """True if cells are never broken into lines."""
     min_width: int | None = None
+    """Least width of the column in characters, if cells may be broken."""
     style: str = ""
     narrow: Column | None = None
     """Column that narrow terminals show instead."""
@@ -212,7 +212,7 @@ class Column:
 def words(
     name: str, values: Iterable[Any], *, fold: bool = True, style: str = "", narrow: Column | None = None
 ) -> Column:
-    """A column of words, folded in narrow terminals if ``fold``."""
+    """A column of words; if ``fold``, narrow terminals break its cells into lines."""
     return Column(name, list(values), words=True, whole=not fold, style=style, narrow=narrow)
 
 
@@ -246,7 +246,8 @@ class Table:
     """Columns of equal length below a title; columns that are None are left out. Each row may have a style.
 
     At level SHORT at most ``most`` rows are shown. These are the rows with the largest values ``by``, in their order in the
-    table; a last row counts the others. If ``of_limits``, the values ``by`` are shares of limits.
+    table; a last row counts the others. If ``of_limits``, the values ``by`` are shares of limits. ``style`` is that of the
+    title, ``styles`` are those of the rows.
     """
 
     def __init__(
@@ -282,8 +283,9 @@ class Branch:
 
     def add(self, label: Line) -> Branch:
         """Add a branch and return it."""
-        self.branches.append(Branch(label))
-        return self.branches[-1]
+        branch = Branch(label)
+        self.branches.append(branch)
+        return branch
 
 
 @dataclass(frozen=True)
@@ -309,6 +311,7 @@ class Aligned:
     fold: Callable[[str, int], Sequence[str]]
     """Function that breaks a text into lines of at most a width."""
     gap: str = " "
+    """Text between the two texts of a row."""
     level: Level = Level.SHORT
 
     def title_lines(self, width: int) -> list[str]:
@@ -316,15 +319,18 @@ class Aligned:
         return wrap(self.title, width)
 
     def lines(self, width: int) -> list[str]:
-        """Rows, indented by two blanks, without trailing blanks."""
+        """Lines of the rows, indented, without trailing blanks."""
+        indent = "  "
         name_width = max((text_width(name) for name, _ in self.rows), default=0)
-        width_of_texts = width - 2 - name_width - len(self.gap)
+        width_of_texts = width - len(indent) - name_width - len(self.gap)
         lines: list[str] = []
         for name, text in self.rows:
-            padded_name = name + " " * (name_width - text_width(name))
-            for line in self.fold(text, width_of_texts) or [""]:
-                lines.append(f"  {padded_name}{self.gap}{line}".rstrip())
-                padded_name = " " * name_width  # only the first line has the name
+            first_name = name + " " * (name_width - text_width(name))
+            next_name = " " * name_width  # only the first line of a row has the name
+            text_lines = self.fold(text, width_of_texts) or [""]
+            for k, line in enumerate(text_lines):
+                padded_name = next_name if k else first_name
+                lines.append(f"{indent}{padded_name}{self.gap}{line}".rstrip())
         return lines
 
 
@@ -344,7 +350,7 @@ def word_cell(word: str) -> Line:
 
 
 def limit_style(share: float) -> Style:
-    """Style of a share of a limit: over, near, or good."""
+    """Style of a share of a limit: over the limit, near it, or good."""
     if over_limit(share):
         return Style.OVER
     if share > NEAR_LIMIT:
@@ -353,7 +359,7 @@ def limit_style(share: float) -> Style:
 
 
 def mark_style(share: float) -> Style:
-    """Style of a joint that a sentence names; ``share`` is its share of a limit, nan without a limit."""
+    """Style of the name of a joint in a sentence; ``share`` is its share of a limit, nan without a limit."""
     style = limit_style(share)
     if style is Style.GOOD or math.isnan(share):
         return Style.POINTED
@@ -361,7 +367,7 @@ def mark_style(share: float) -> Style:
 
 
 def share_cell(share: float) -> str | Line:
-    """A share of a limit, in its colour; a dash without a limit."""
+    """Cell with a share of a limit, in its colour; a dash without a limit, if the share is not finite."""
     if not math.isfinite(share):
         return MISSING
     return Line((percent_of_limit(share), limit_style(share)), value=share)

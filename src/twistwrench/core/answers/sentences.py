@@ -1,7 +1,7 @@
 """Templates of the sentences of verdicts, for texts and pages.
 
 A template has fields ``{name}`` for names and numbers, and arguments ``<name=value>`` or ``<name=value|option>``, which
-:func:`.spell_out` writes as the caller types them. Some templates are the ends of others, and stand in their fields.
+:func:`.spell_out` writes as the caller types them. Some templates are parts of sentences, which fill fields of other templates.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ SENTENCES = MappingProxyType(
 
 
 def sentence(name: str, **words: str) -> str:
-    """Sentence from its template in :data:`SENTENCES`, with ``words`` in its fields.
+    """Sentence from the template ``name`` of :data:`SENTENCES`, with ``words`` in its fields.
 
     >>> sentence("because", cause="payload", share="63 %")
     '. Largest part: payload, 63 %'

@@ -1,8 +1,8 @@
 """Mass properties of the colliders of a USD body.
 
-The mass of a collider is that of its MassAPI; otherwise it is volume times density. The density is that of the collider's
-MassAPI, of the body's, of its material, or 1000 kg/m³, in this order. If the body has a mass, the inertia of all colliders
-together is scaled to it. Meshes and planes are not read.
+The MassAPI of a collider gives its mass; otherwise the mass is volume times density. The density comes from the collider's
+MassAPI, the body's MassAPI, or the collider's material, in this order; otherwise it is 1000 kg/m³. If the body has a mass, the
+inertia of all colliders together is scaled to this mass. Meshes and planes are not read.
 """
 
 from __future__ import annotations
@@ -25,33 +25,34 @@ _ROTATIONS_FROM_Z = (
     np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
     np.eye(3),
 )
-"""Rotations that turn z, the axis of cylinders and capsules here, to x, y and z."""
+"""Rotations that turn z, the axis of cylinders and capsules of :class:`.SpatialInertia`, to x, y and z."""
+_MAX_ROUNDING = 1e-6
+"""Largest difference of equal scales, as a share of a scale."""
 
 
 def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
     """Inertia of the colliders of a body in its frame, scaled to ``mass`` [kg] if this is positive.
 
-    Raises :class:`~twistwrench.RobotFileError` with the path of the prim if the body has no collider, or one whose mass is not
-    computed.
+    Raises :class:`~twistwrench.RobotFileError` with the path of the prim if the body has no collider, or a collider whose mass
+    is not computed.
     """
     colliders = stage.colliders(body)
     if not colliders:
-        missing = "physics:mass"
-        if mass > 0:
-            missing = "physics:diagonalInertia"
-        raise RobotFileError(f"{who(body)} has no {missing}, and no collider that could give it. {_ADVICE}.")
+        missing_attribute = "physics:diagonalInertia" if mass > 0 else "physics:mass"
+        raise RobotFileError(f"{who(body)} has no {missing_attribute}, and no collider that could give it. {_ADVICE}.")
     T_sb, _ = stage.pose_and_scale(body)
     total = SpatialInertia.zero()
     for prim in colliders:
         T_sc, scale = stage.pose_and_scale(prim)
-        total = total + _inertia_of_collider(stage, prim, body, scale).in_frame(se3.inverse(T_sb) @ T_sc)
+        inertia = _inertia_of_collider(stage, prim, body, scale)
+        total = total + inertia.in_frame(se3.inverse(T_sb) @ T_sc)
     if mass <= 0:
         return total
     return SpatialInertia.from_parameters(mass / total.mass * total.parameters)
 
 
 def _inertia_of_collider(stage: Stage, prim: Any, body: Any, scale: Array) -> SpatialInertia:
-    """Inertia of a collider in its frame; ``scale`` (3,) is that of its axes."""
+    """Inertia of a collider in its frame; ``scale`` (3,) has a factor for each of its axes."""
     mass_or_density = _mass_or_density(stage, prim, body)
     kind = str(prim.GetTypeName())
     units = scale * stage.metre  # metres for a unit of length along each axis
@@ -66,11 +67,11 @@ def _inertia_of_collider(stage: Stage, prim: Any, body: Any, scale: Array) -> Sp
     units_across = np.delete(units, axis)
     if kind == "Cylinder":
         default_radius, build = 1.0, SpatialInertia.cylinder
-        must_be_equal = units_across
+        equal_units = units_across  # otherwise it is not round
     else:
         default_radius, build = 0.5, SpatialInertia.capsule
-        must_be_equal = units  # otherwise its ends are no longer half spheres
-    if np.ptp(must_be_equal) > 1e-6 * unit_along:
+        equal_units = units  # otherwise its ends are not half spheres
+    if np.ptp(equal_units) > _MAX_ROUNDING * unit_along:
         raise RobotFileError(f"{who(prim)} is a {kind} scaled to another shape, whose mass is not computed. {_ADVICE}.")
     radius = float(number_of(prim, "radius", default_radius) * units_across[0])
     height = float(number_of(prim, "height", 2.0 * default_radius) * unit_along)
@@ -92,7 +93,7 @@ def _mass_or_density(stage: Stage, prim: Any, body: Any) -> dict[str, float]:
 
 
 def _material(prim: Any) -> Any:
-    """Prim of a collider's physical material; a false one without a material."""
+    """Prim of a collider's physical material; without a material, a prim that is false."""
     from pxr import UsdShade
 
     material, _binding = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")

@@ -35,10 +35,14 @@ WORLD = "world"
 """Name of the link that stands for the stage."""
 
 _KIND_OF_TYPE = {
-    "PhysicsRevoluteJoint": "revolute", "PhysicsPrismaticJoint": "prismatic", "PhysicsSphericalJoint": "ball",
+    "PhysicsRevoluteJoint": "revolute",
+    "PhysicsPrismaticJoint": "prismatic",
+    "PhysicsSphericalJoint": "ball",
     "PhysicsFixedJoint": "fixed",
-}  # fmt: skip
-"""Kind of the builder's joint, by the type of its prim."""
+}
+"""Kind of the builder's joint, by the type of the joint's prim."""
+_MIN_NO_LIMIT = 1e30
+"""Size from which a number means no limit: USD has values near the largest float32, 3.4e38."""
 
 
 def read_usd(
@@ -52,8 +56,8 @@ def read_usd(
 ) -> tuple[ModelBuilder, bool]:
     """Builder with the bodies and joints of one articulation, and True if its root link floats.
 
-    ``model`` selects the articulation by the name or path of its root. ``floating_base`` None follows the file: a root
-    without a joint to the world floats; False fixes it at its pose on the stage. Layers are read only from the folder
+    ``model`` selects the articulation by the name or path of its root. If ``floating_base`` is None, the file decides: a root
+    without a joint to the world floats. False fixes such a root at its pose on the stage. Layers are read only from the folder
     of the file and from ``include_paths``. Unless TWISTWRENCH_SANDBOX is 0, the stage is read in a child process first.
 
     Raises :class:`~twistwrench.MissingExtraError`, :class:`~twistwrench.RobotFileError` with the path of the prim, and
@@ -87,7 +91,7 @@ def _read(
     model: str | None,
     max_bodies: int,
 ) -> tuple[ModelBuilder, bool]:
-    """Builder and True if the root floats, read in this process."""
+    """Result of :func:`read_usd`, read in this process."""
     stage = open_stage(path, [path.parent, *include_paths])
     from pxr import Tf
 
@@ -106,7 +110,7 @@ class _Reader:
         """Name of each link and joint, by the path of its prim."""
         self.tree = UsdTree(stage, model)
         robot_name = "robot"
-        for prim in (self.tree.root, stage.default):  # the default prim takes precedence
+        for prim in (self.tree.root, stage.default):  # the later takes precedence
             if prim and prim.GetName():
                 robot_name = prim.GetName()
         self.builder = ModelBuilder(robot_name, source)
@@ -131,10 +135,11 @@ class _Reader:
             self._add_tree_joint(tree_joint)
         for joint in closing_joints:
             self._offer_closure(joint)
-        separate = [body for body in self.stage.bodies if body.GetPath() not in member_paths]
-        if separate:
+        separate_bodies = [body for body in self.stage.bodies if body.GetPath() not in member_paths]
+        if separate_bodies:
             self.builder.remark(
-                f"{who(separate[0])} and {len(separate) - 1} other bodies are not joined to the robot, and are left out"
+                f"{who(separate_bodies[0])} and {len(separate_bodies) - 1} other bodies are not joined to the robot, and are "
+                "left out"
             )
         unread = Unread("USD")
         joints = [tree_joint.joint for tree_joint in tree_joints]
@@ -168,7 +173,8 @@ class _Reader:
         if kind is None:
             raise RobotFileError(f"{who(joint)} is a {joint.GetTypeName()}, which is not read. {HOW_TO_SPLIT}.")
         name, where = self._name(joint), str(joint.GetPath())
-        parent, child = self._name(tree_joint.near.body), self._name(tree_joint.far.body)
+        parent = self._name(tree_joint.near.body)
+        child = self._name(tree_joint.far.body)
         placement = tree_joint.near.T @ se3.inverse(T_far)  # of the child in the parent: both ends coincide
         if kind == "ball":
             add_ball(self.builder, name, parent, child, placement, T_far[:3, 3], where)
@@ -183,7 +189,7 @@ class _Reader:
         self.builder.add_joint(name, kind, parent, child, placement=placement, axis=S, where=where, **options)
 
     def _joint_options(self, joint: Any, kind: str) -> dict[str, Any]:
-        """Limits of a one-degree joint and of its drive, and values of PhysX's and Newton's schemas, in SI units."""
+        """Limits of a joint with one coordinate and of its drive, and values of PhysX's and Newton's schemas, in SI units."""
         kilogram, metre = self.stage.kilogram, self.stage.metre
         if kind == "revolute":
             drive = "drive:angular"
@@ -207,12 +213,12 @@ class _Reader:
             "damping": force_unit / position_unit * number_of(joint, "newton:damping"),
             "friction": force_unit * number_of(joint, "newton:friction"),
         }
-        # Numbers near the largest float32, 3.4e38, mean no limit in USD.
-        return {name: value for name, value in options.items() if math.isfinite(value) and abs(value) < 1e30}
+        return {name: value for name, value in options.items() if math.isfinite(value) and abs(value) < _MIN_NO_LIMIT}
 
     def _offer_closure(self, joint: Any) -> None:
         """Offer a joint outside the articulation as a closure of two frames."""
-        joint_type, name = str(joint.GetTypeName()), self._name(joint)
+        joint_type = str(joint.GetTypeName())
+        name = self._name(joint)
         if joint_type not in _KIND_OF_TYPE:
             self.builder.note(who(joint), f"is a {joint_type} outside the articulation, which is left out")
             return
@@ -222,17 +228,17 @@ class _Reader:
             "revolute": (f"w{axis}",),
             "prismatic": (f"v{axis}",),
         }
-        own_free_rows = free_rows.get(_KIND_OF_TYPE[joint_type], ())
+        own_free_rows = free_rows.get(_KIND_OF_TYPE[joint_type], ())  # no row of a fixed joint is free
         rows = " ".join(row for row in TWIST if row not in own_free_rows)
-        sites = []
-        for k, end in enumerate(self.tree.ends[joint.GetPath()]):
-            sites.append(self.builder.add_site(f"{name}:{k}", self._name(end.body), end.T, where=who(joint)))
-        a, b = sites
+        a, b = (
+            self.builder.add_site(f"{name}:{k}", self._name(end.body), end.T, where=who(joint))
+            for k, end in enumerate(self.tree.ends[joint.GetPath()])
+        )
         self.builder.add_closure(name, OfferedClosure(a, b, rows))
         self.builder.remark(f"{who(joint)} is left open: robot.close({a!r}, {b!r}, {rows!r}) closes it")
 
     def _inertia(self, body: Any) -> SpatialInertia:
-        """Spatial inertia of a body from the MassAPI, completed by its colliders.
+        """Spatial inertia of a body from its MassAPI; its colliders give what is missing.
 
         In the format, infinities stand for a missing centre of mass, and zeros for missing moments.
         """
@@ -247,7 +253,7 @@ class _Reader:
         has_moments = bool(moments.any())
         only_com_is_missing = mass > 0 and has_moments and not has_com
         if only_com_is_missing and not self.stage.colliders(body):
-            com = np.zeros(3)
+            com = np.zeros(3)  # the origin of the body
             has_com = True
         is_complete = mass > 0 and has_moments and has_com
         if not is_complete:
@@ -263,19 +269,20 @@ class _Reader:
 def _note_unread(unread: Unread, kind: str, prim: Any) -> None:
     """Add notes on unread attributes and schemas of a prim."""
     row = unread.row(kind)
-    authored = {attribute.GetName(): attribute for attribute in prim.GetAuthoredAttributes() if attribute.HasValue()}
-    names = [name for name in authored if ":" in name]  # of a schema; others are the author's own
+    attributes = {attribute.GetName(): attribute for attribute in prim.GetAuthoredAttributes() if attribute.HasValue()}
+    names = [name for name in attributes if ":" in name]  # of a schema; others are the author's own
     for name in names:
         entry = unread.entry(row, name)
         if entry is None:
             unread.note_unknown(kind, name, who(prim))
-        elif isinstance(entry, LeftOut) and entry.acts(_values_as_text(authored[name])):
+        elif isinstance(entry, LeftOut) and entry.acts(_values_as_text(attributes[name])):
             name_in_newton = name.replace("mjc:", "newton:").removesuffix("loss")  # mjc:frictionloss, newton:friction
             if name.startswith("mjc:") and name_in_newton in names:
                 continue  # converters write both; Newton's is read
             unread.note_left_out(kind, name, entry, f"{name} of {who(prim)}")
     for schema in prim.GetPrimTypeInfo().GetAppliedAPISchemas():  # also schemas whose plugin is not installed
-        entry = unread.entry(row, f"<{schema.partition(':')[0]}>")
+        schema_name, _, _ = schema.partition(":")  # without the name of an instance
+        entry = unread.entry(row, f"<{schema_name}>")
         if isinstance(entry, LeftOut):
             unread.note_left_out(kind, schema, entry, f"{schema} of {who(prim)}")
 

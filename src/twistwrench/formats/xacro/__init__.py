@@ -17,7 +17,7 @@ from ..xml import Element, parse
 __all__ = ["EXPAND", "expand_xacro", "is_marked", "xacro_arguments", "xacro_in"]
 
 ENDING = ".xacro"
-"""Ending of files that are expanded without a request."""
+"""Ending of the names of files that are expanded without a request."""
 EXPAND = "`xacro file.xacro > robot.urdf`"
 """Command for expanding a xacro file."""
 MAX_SECONDS = 20.0
@@ -29,6 +29,8 @@ MAX_BYTES = 64 * 2**20
 
 _ELEMENT_PREFIX = "xacro:"
 _EXPRESSION_STARTS = ("${", "$(")
+_MAX_BYTES_PER_CHARACTER = 8
+"""Bound of the size of a character of the expanded text in the child's answer, which is JSON [bytes]."""
 
 
 def is_marked(text: str) -> bool:
@@ -48,7 +50,7 @@ def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"])
         root = parse(text)
     if root.tag != "robot":
         return ""
-    stack = [(root, rows.get(root.tag, {}))]
+    stack = [(root, rows.get(root.tag, {}))]  # elements to search, with their known attributes and children
     while stack:
         element, entries = stack.pop()
         if element.tag.startswith(_ELEMENT_PREFIX):
@@ -59,11 +61,13 @@ def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"])
                     return f"{element} is unexpanded xacro"
                 attribute = shorten(f"{name}={value!r}")
                 return f"{element} is unexpanded xacro: {attribute}"
-        children = [
-            c for c in element.children if c.tag.startswith(_ELEMENT_PREFIX) or entries.get(f"<{c.tag}>") is READ
+        read_children = [
+            child
+            for child in element.children
+            if child.tag.startswith(_ELEMENT_PREFIX) or entries.get(f"<{child.tag}>") is READ
         ]
         # reversed, since the stack returns the last one first
-        stack.extend((child, _entries_of(child, element, rows)) for child in reversed(children))
+        stack.extend((child, _entries_of(child, element, rows)) for child in reversed(read_children))
     return ""
 
 
@@ -72,12 +76,15 @@ def _has_expression(text: str) -> bool:
 
 
 def _entries_of(element: Element, parent: Element, rows: Rows) -> Mapping[str, Entry]:
-    """Attributes and children of an element that are known; rows with the parent's tag come first."""
+    """Known attributes and children of an element, from its row under the parent's tag or else from its own row."""
     return rows.get(f"{parent.tag}/{element.tag}") or rows.get(element.tag) or {}
 
 
 def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, Any] | None:
-    """Arguments of a xacro file as text; empty for True, and None if the file is not to be expanded. Raises ValueRangeError."""
+    """Arguments of a xacro file as texts by name: empty for True, None if the file is not to be expanded.
+
+    Raises ValueRangeError for other input.
+    """
     if arguments is None or arguments is False:
         return None
     if arguments is True:
@@ -88,11 +95,12 @@ def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, 
     for name, value in arguments.items():
         if not isinstance(name, str) or not isinstance(value, str | int | float):
             raise _wrong_arguments(arguments)
-        texts[name] = str(value).lower() if isinstance(value, bool) else str(value)
+        texts[name] = str(value).lower() if isinstance(value, bool) else str(value)  # xacro writes true and false
     return texts
 
 
 def _wrong_arguments(arguments: object) -> ValueRangeError:
+    """Error for arguments that are not values by name."""
     return ValueRangeError(
         f"xacro={shorten(repr(arguments))}: give the arguments by name, as xacro={{'hand': 'true'}}, or xacro=True."
     )
@@ -107,7 +115,8 @@ def expand_xacro(
     ``AMENT_PREFIX_PATH``. Raises MissingExtraError, UnknownNameError for undeclared arguments, and RobotFileError.
     ``found`` is the clause of :func:`xacro_in` for the message of MissingExtraError.
     """
-    if importlib.util.find_spec("xacrodoc") is None or importlib.util.find_spec("xacro") is None:
+    is_installed = all(importlib.util.find_spec(package) is not None for package in ("xacrodoc", "xacro"))
+    if not is_installed:
         advice = MissingExtraError.advice("xacro")
         raise MissingExtraError(
             f"{path or 'the text given'}: {found or 'it is xacro'}. Reading it needs 'xacrodoc', which is not installed: "
@@ -116,8 +125,7 @@ def expand_xacro(
 
     from ...core.child_process import ChildLimits, run_in_child
 
-    # The expander limits the text. As JSON, a character may take several bytes.
-    limits = ChildLimits(MAX_SECONDS, MAX_MEMORY, output=8 * MAX_BYTES)
+    limits = ChildLimits(MAX_SECONDS, MAX_MEMORY, output=_MAX_BYTES_PER_CHARACTER * MAX_BYTES)
     request = _request_to_child(text, path, arguments, folders)
     answer = run_in_child(
         "twistwrench.formats.xacro.expander:expand", request, limits=limits, error_of=_expansion_error
@@ -133,13 +141,13 @@ def expand_xacro(
 
 
 def _expansion_error(reason: str, declared: Mapping[str, None] = MappingProxyType({})) -> RobotFileError:
-    """Error for a file that xacro cannot expand, with the arguments it declares, if they are known."""
-    arguments = ""
+    """Error for a file that xacro cannot expand; ``declared`` are the names of its arguments, empty if unknown."""
+    argument_sentence = ""
     if declared:
-        arguments = f" It declares the arguments {listed(declared)}."
+        argument_sentence = f" It declares the arguments {listed(declared)}."
     return RobotFileError(
-        f"xacro cannot expand it: {reason}.{arguments} Folders of packages that are not above the file, and of other files "
-        f"that it reads, go into {spell(Argument('include_paths', option='include-path'))} or ROS_PACKAGE_PATH."
+        f"xacro cannot expand it: {reason}.{argument_sentence} Folders of packages that are not above the file, and of other "
+        f"files that it reads, go into {spell(Argument('include_paths', option='include-path'))} or ROS_PACKAGE_PATH."
     )
 
 
@@ -152,8 +160,8 @@ def _request_to_child(
         readable_folders += [path.resolve().parent, *_package_around(path)]
     readable_folders += folders
     for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
-        names = os.environ.get(variable, "").split(os.pathsep)
-        readable_folders += [Path(name) for name in names if name]
+        folder_names = os.environ.get(variable, "").split(os.pathsep)
+        readable_folders += [Path(name) for name in folder_names if name]
     return {
         "text": text,
         "file": None if path is None else str(path),
@@ -165,7 +173,7 @@ def _request_to_child(
 
 
 def _package_around(path: Path) -> list[Path]:
-    """The nearest folder above a file that is a package of ROS, if any."""
+    """The nearest folder above a file that is a package of ROS; empty if there is none."""
     for folder in path.resolve().parents:
         if (folder / "package.xml").is_file() or (folder / "manifest.xml").is_file():
             return [folder]

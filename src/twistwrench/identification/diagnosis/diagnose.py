@@ -57,7 +57,7 @@ _MIN_RESIDUAL_OF_ALL = 0.03
 _MIN_RESIDUAL_OF_JOINT = 0.06
 """Residual of a single joint, as a share of its torque, from which discrete causes are tested."""
 _MAX_SUSPECTS = 8
-"""Number of joints, those with the largest residuals, for which discrete causes are tested."""
+"""Largest number of joints for which discrete causes are tested: those with the largest residuals."""
 _MAX_STEPS = 5
 """Maximum number of Gauss-Newton steps."""
 _MIN_GAIN = 0.005
@@ -66,14 +66,16 @@ _MAX_REFINED = 5
 """Maximum number of refined causes of a stage."""
 _MAX_STARTS = 3
 """Maximum number of starts of a cause."""
-_EQUAL_S, _EQUAL_S_SHARE = 0.05, 0.03
-"""Differences of S, absolute and as a share of the largest, up to which causes have equal evidence."""
+_EQUAL_S = 0.05
+"""Difference of S up to which causes have equal evidence."""
+_EQUAL_S_SHARE = 0.03
+"""Difference of S, as a share of the largest, up to which causes have equal evidence."""
 _MIN_SHARE_OF_BEST = 0.7
 """Least S of a candidate, as a share of the largest S."""
 _MAX_LOAD_OF_MASS = 3.0
 """Largest load that an arm takes up, as a multiple of its own moving mass; arms carry less than they weigh."""
 _MIN_CERTAIN_S = 1.5
-"""S that no number of tested causes reaches by chance in rows held out.
+"""S that no number of tested causes reaches by chance in held-out rows.
 
 A slow fault has too few blocks of time for the test of t to show such a certainty."""
 _MIN_BLOCKS = 6
@@ -85,7 +87,7 @@ _POSITIVE = ("backlash", "elasticity", "load-friction", "low-pass", "spring", "s
 _LOG_CAUSES = ("late", "mounting", "tilt")
 """Causes of the whole log that may be mistaken for a cause of one joint."""
 _MIN_SHARE_OF_JOINT = 0.9
-"""Least S of a joint's cause, as a share of its S and that of a cause of the whole log together, if it alone is the cause."""
+"""Least S of a joint's cause that alone is the cause, as a share of S with a cause of the whole log in addition."""
 _MIN_DEVIATIONS_OF_LAW = 2.0
 """Least coefficient of a law that widens intervals, in its standard deviations."""
 _RINGING_PERIODS = 2.0
@@ -93,17 +95,17 @@ _RINGING_PERIODS = 2.0
 _SAME_BEGIN = 1.0
 """Time [s] between the begins of two changes of a joint, below which the second one found is part of the first."""
 _FORCE_COST = 1.0
-"""Amount by which S of a force exceeds that of other causes: its three columns also imitate a part of zeros and tilts."""
+"""Amount by which S of a force must exceed S of other causes: its three columns also imitate a part of zeros and tilts."""
 _STATES = 200
 """Number of states at which the effect of a cause is evaluated."""
 _MIN_RATIO_OF_PUSH = 5.0
-"""Least residual during a push, over the usual one."""
+"""Least ratio of the residual during a push to the usual residual."""
 _MAX_PUSHED_ROWS = 0.25
-"""Largest share of rows of pushes."""
+"""Largest share of the rows in which the robot is pushed."""
 _MIN_SHARE_BY_FORCE = 0.5
 """Least share of the squared residuals during a push that one force explains."""
 _UNDETERMINED_GAIN = 10.0
-"""Factor: a gain is undetermined if its interval extends to this multiple and to this fraction of it."""
+"""Factor f of undetermined gains, whose interval extends from less than gain / f to more than f gain."""
 _MIN_SHARE_BY_SWAY = 0.5
 """Minimum share of the squared residuals of all joints that a swaying base explains."""
 
@@ -152,9 +154,9 @@ class FoundCause:
 
     @property
     def most(self) -> tuple[int, float]:
-        """Joint whose residual is reduced most, and the explained share of its squares."""
-        share = np.where(self.fit.live, 1.0 - self.fit.squares / self.before.squares, 0.0)
-        return int(share.argmax()), float(share.max())
+        """Index of the joint whose residual is reduced most, and the explained share of its squares."""
+        explained_shares = np.where(self.fit.live, 1.0 - self.fit.squares / self.before.squares, 0.0)
+        return int(explained_shares.argmax()), float(explained_shares.max())
 
     @property
     def value_and_interval(self) -> tuple[float | None, tuple[float, float] | None]:
@@ -196,7 +198,7 @@ def estimate_cause(fit: CauseFit, candidates: Iterable[Cause]) -> FoundCause:
 def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
     """Causes of a fit's residual in the order in which they are found, and the fit before laws of joints are added.
 
-    Each cause is added to the fit before the search for the next.
+    Each cause is added to the fit before the next is sought.
     """
     found: list[FoundCause] = []
     fit = start
@@ -208,7 +210,9 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
         fit = push.fit
     fit_of_log = _fit_at_best_speed(_without_jumps(fit))
     fit = _run_stage(_causes_of_log, fit_of_log, found)
-    fit_without_laws = fit_of_log if fit is fit_of_log else _fit_at_best_speed(fit)
+    fit_without_laws = fit_of_log
+    if fit is not fit_of_log:  # with causes, another speed may be best
+        fit_without_laws = _fit_at_best_speed(fit)
     fit = _run_stage(_laws_of_joints, fit_without_laws, found)
     if fit is not fit_without_laws:  # a law may have hidden a cause of the log
         _run_stage(_causes_of_log, fit, found)
@@ -223,9 +227,9 @@ Stage = Callable[[CauseFit], tuple[Iterator[FoundCause], int]]
 def _run_stage(stage: Stage, fit: CauseFit, found: list[FoundCause]) -> CauseFit:
     """Fit with the causes that a stage finds, which are appended to ``found``."""
     for _ in range(_MAX_ROUNDS):
-        tested, count = stage(fit)
-        new = (candidate for candidate in tested if not _is_part(candidate, found))
-        best = _most_significant(fit, new, count)
+        tested, test_count = stage(fit)
+        new_causes = (candidate for candidate in tested if not _is_part(candidate, found))
+        best = _most_significant(fit, new_causes, test_count)
         if best is None:
             break
         found += _with_another_zero(best) if best.kind == "zero" else [best]
@@ -234,7 +238,7 @@ def _run_stage(stage: Stage, fit: CauseFit, found: list[FoundCause]) -> CauseFit
 
 
 def _is_part(candidate: FoundCause, found: Sequence[FoundCause]) -> bool:
-    """True for a change of a joint that is part of another one found before: a gain that changes scales the offset too."""
+    """True for a change of a joint that is part of another change found before: a gain that changes also scales the offset."""
     if candidate.span is None:
         return False
     begin, _ = candidate.span
@@ -249,30 +253,30 @@ def _is_part(candidate: FoundCause, found: Sequence[FoundCause]) -> bool:
 
 
 def _estimate_together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
-    """Estimate the values of several causes together: each was estimated before the later ones were found.
+    """Causes with values that are estimated together: each was first estimated before the later causes were found.
 
-    A cause that was found twice is merged into one. Causes are named by their first index in ``found``.
+    A cause that was found twice is merged into one. Keys of the dictionaries are first indices of the causes in ``found``.
     """
-    first_index: dict[tuple[str, tuple[int, ...]], int] = {}
+    first_index_by_cause: dict[tuple[str, tuple[int, ...]], int] = {}
     values: dict[int, Array] = {}
     for k, cause in enumerate(found):
-        first = first_index.setdefault((cause.kind, cause.joints), k)
+        first_index = first_index_by_cause.setdefault((cause.kind, cause.joints), k)
         if cause.correct is not None and cause.value is not None:
-            values[first] = cause.value + values.get(first, 0.0)
+            values[first_index] = cause.value + values.get(first_index, 0.0)
     corrections: dict[int, Callable[..., LogStates]] = {}
-    for k in first_index.values():
+    for k in first_index_by_cause.values():
         correction = found[k].correct
         if correction is not None:
             corrections[k] = correction
     if len(corrections) < 2 or not values:
         return found
-    places = dict(zip(values, consecutive_slices(map(len, values.values())), strict=True))  # of values in beta
+    slices = dict(zip(values, consecutive_slices(map(len, values.values())), strict=True))  # of values in beta
     beta = np.concatenate(list(values.values()))
 
     def correct(s: LogStates, beta: Array) -> LogStates:
         """States without all causes."""
         for k, correction in corrections.items():
-            s = correction(s, beta=beta[places[k]]) if k in places else correction(s)
+            s = correction(s, beta=beta[slices[k]]) if k in slices else correction(s)
         return s
 
     last_fit = found[-1].fit
@@ -280,10 +284,11 @@ def _estimate_together(start: CauseFit, found: list[FoundCause]) -> list[FoundCa
     step = min(found[k].step for k in values)
     all_causes = Cause("", (), correct, step, len(beta))
     refined = refine_cause(last_fit.refit(s), all_causes, beta)
-    for k, place in places.items():
-        value, deviation = np.asarray(refined.value)[place], np.asarray(refined.deviation)[place]
+    for k, own_values in slices.items():
+        value = np.asarray(refined.value)[own_values]
+        deviation = np.asarray(refined.deviation)[own_values]
         found[k] = replace(found[k], value=value, deviation=deviation, correct=partial(corrections[k], beta=value))
-    return [found[k] for k in first_index.values()]
+    return [found[k] for k in first_index_by_cause.values()]
 
 
 def _with_another_zero(first: FoundCause) -> list[FoundCause]:
@@ -304,14 +309,15 @@ def _with_another_zero(first: FoundCause) -> list[FoundCause]:
         pairs.append(np.concatenate([first_columns, columns], axis=2))
     S, beta = fit.gains_of_columns(np.stack(pairs, axis=2))
     k = int(S.argmax())
+    if S[k] < LEAST_S:
+        return [first]
     other = other_zeros[k]
 
     def correct(s: LogStates, beta: Array) -> LogStates:
         """States without both zero errors."""
-        return other.correct(first_zero.correct(s, beta[:1]), beta[1:])
+        without_first = first_zero.correct(s, beta[:1])
+        return other.correct(without_first, beta[1:])
 
-    if S[k] < LEAST_S:
-        return [first]
     both_zeros = Cause("zero", (*first.joints, *other.joints), correct, first_zero.step, 2)
     both = refine_cause(fit, both_zeros, beta[k])
     if both.value is None or both.deviation is None:
@@ -320,34 +326,34 @@ def _with_another_zero(first: FoundCause) -> list[FoundCause]:
         return [first]
     first_value = np.asarray(first.value) + both.value[:1]  # the fit is already without the first value
     other_value = both.value[1:]
-    common: dict[str, Any] = {"fit": both.fit, "effect": max(first.effect, effect(fit, both))}
-    changed = replace(
+    common_fields: dict[str, Any] = {"fit": both.fit, "effect": max(first.effect, effect(fit, both))}
+    changed_zero = replace(
         first, value=first_value, deviation=both.deviation[:1], correct=partial(first_zero.correct, beta=first_value),
-        **common,
+        **common_fields,
     )  # fmt: skip
-    added = replace(
+    added_zero = replace(
         both, joints=other.joints, value=other_value, deviation=both.deviation[1:],
-        correct=partial(other.correct, beta=other_value), **common,
+        correct=partial(other.correct, beta=other_value), **common_fields,
     )  # fmt: skip
-    return [changed, added]
+    return [changed_zero, added_zero]
 
 
 def law_changes(fit: CauseFit) -> Array:
-    """(k, p) changes of the unknown parameters by the law that explains most, and by the strongest law of each joint.
+    """Changes (k, p) of the unknown parameters by the law that explains most, and by the strongest law of each joint.
 
-    Only laws with a possible sign and more than two deviations count. A change is multiplied by √(p (1 - p)), with the
-    probability p = 1 / (1 + exp(-n S / 2)) of the law for n blocks of time: a law that is certain is fitted or reported.
+    Only plausible laws count. A change is multiplied by √(p (1 - p)), with the probability p = 1 / (1 + exp(-n S / 2)) of the
+    law for n blocks of time: a certain law is not a doubt, as it is fitted or reported.
     """
     base = fit.states.base
     laws = [law for law in fit.joint_causes if law.S > 0 and _is_plausible(fit, law)]
     laws.sort(key=lambda law: -law.S)
-    strongest: dict[tuple[int, ...], ScreenedCause] = {}
-    for law in reversed(laws):  # stronger ones replace weaker ones
+    strongest_by_joints: dict[tuple[int, ...], ScreenedCause] = {}
+    for law in reversed(laws):  # stronger laws replace weaker ones
         is_of_one_joint = len(law.cause.joints) == 1
         if is_of_one_joint or law is laws[0]:
-            strongest[law.cause.joints] = law
-    changes = np.zeros((len(strongest), len(base.unknown.names)))
-    for k, law in enumerate(strongest.values()):
+            strongest_by_joints[law.cause.joints] = law
+    changes = np.zeros((len(strongest_by_joints), len(base.unknown.names)))
+    for k, law in enumerate(strongest_by_joints.values()):
         p = 1.0 / (1.0 + np.exp(-0.5 * len(fit.blocks) * law.S))
         changes[k, base.kept] = np.sqrt(p * (1.0 - p)) * fit.change(law.e, law.beta)
     return changes
@@ -386,7 +392,10 @@ def _most_significant(fit: CauseFit, tested: Iterable[FoundCause], count: int) -
 
 
 def _cause_of_one_joint(best: FoundCause, candidates: Iterable[FoundCause]) -> FoundCause | None:
-    """Cause of one joint that explains nearly all that it and a cause of the whole log explain together; None without."""
+    """Cause of one joint that explains nearly all that it and ``best`` explain together; None if there is none.
+
+    Only a cause of the whole log can be replaced so.
+    """
     if best.kind not in _LOG_CAUSES:
         return None
     for candidate in sorted(candidates, key=lambda candidate: candidate.cost - candidate.S):
@@ -409,9 +418,9 @@ def _gained_with(fit: CauseFit, cause: FoundCause) -> float:
 
 
 def _strongest(tested: Iterable[FoundCause], count: int) -> list[FoundCause]:
-    """Significant causes among ``count`` tested ones, whose S is near the largest.
+    """Significant causes among ``count`` tested causes, whose S is near the largest.
 
-    The others, with their fits, are released one by one, so that memory does not grow with the number of causes.
+    Other causes, with their fits, are released one by one, so that memory does not grow with the number of causes.
     """
     strongest: list[FoundCause] = []
     largest = -np.inf
@@ -451,7 +460,7 @@ def _is_possible(found: FoundCause) -> bool:
 
 
 def _is_determined(found: FoundCause) -> bool:
-    """False for a gain with a very wide interval: masses of any size may explain a common factor of torques as well."""
+    """False for a gain with a very wide interval: masses of any size may then explain a common factor of torques, too."""
     value, interval = found.value_and_interval
     if found.kind != "gain" or value is None or interval is None:
         return True
@@ -460,8 +469,9 @@ def _is_determined(found: FoundCause) -> bool:
 
 
 def _push(fit: CauseFit) -> FoundCause | None:
-    """Push: at least 0.3 s of rows with five times the usual residual, explained by a force on the tip."""
-    s, robot = fit.states, fit.states.base.unknown.robot
+    """Push on the robot: a run of rows with a large residual that a force on the tip explains; None without a push."""
+    s = fit.states
+    robot = s.base.unknown.robot
     if robot.model.tip is None:
         return None
     refit, residual = fit, fit.left
@@ -479,9 +489,9 @@ def _push(fit: CauseFit) -> FoundCause | None:
             return None
         refit = fit.refit(s.with_fields(rows=s.rows[is_kept]))
         residual = fit.tau - fit.W @ refit.x
-    first, end = max(runs, key=lambda run: run[1] - run[0])
-    J = np.asarray(robot.jacobian(s.q[s.rows[first:end]], kind="world_aligned"))[:, 3:]
-    # τ = J' f, with f constant in the world's axes
+    first, end = max(runs, key=lambda run: run[1] - run[0])  # the longest
+    J = np.asarray(robot.jacobian(s.q[s.rows[first:end]], kind="world_aligned"))
+    J = J[:, 3:]  # τ = J' f, with f constant in the world's axes
     A = (J / sigma).swapaxes(1, 2)[:, fit.live].reshape(-1, 3)
     y = (residual[first:end] / sigma)[:, fit.live].ravel()
     f, *_ = np.linalg.lstsq(A, y, rcond=None)
@@ -495,7 +505,7 @@ def _push(fit: CauseFit) -> FoundCause | None:
 
 
 def _without_jumps(fit: CauseFit) -> CauseFit:
-    """Fit without the rows beside a jump of a position, whose accelerations are those of the low-pass."""
+    """Fit without the rows beside a jump of a position, where accelerations come from the low-pass."""
     s = fit.states
     is_kept = np.ones(len(s.rows), bool)
     for jump in causes.jumps(s):
@@ -517,7 +527,8 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
     if not s.gravity.any() or len(s.pieces) != 1:
         return [], 0
     x = fit.x[: s.base.count]
-    horizontal_axes = np.linalg.svd(s.gravity[None])[2][1:]
+    _, _, axes = np.linalg.svd(s.gravity[None])  # the first along gravity
+    horizontal_axes = axes[1:]
     at_rest = s.with_fields(dq=0.0 * s.dq, ddq=0.0 * s.ddq)
     axis_columns: list[Array] = []
     for axis in horizontal_axes:
@@ -529,7 +540,7 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
         return [], 0
     y = (fit.left * np.sqrt(fit.weight))[..., None]
     N = A.swapaxes(1, 2) @ A
-    N += np.trace(N, axis1=1, axis2=2).mean() * 1e-2 * np.eye(2)  # poses may determine one direction alone
+    N += np.trace(N, axis1=1, axis2=2).mean() * 1e-2 * np.eye(2)  # a pose may determine only one direction
     accelerations = np.linalg.solve(N, A.swapaxes(1, 2) @ y)[..., 0]
     time = s.time[s.rows]
     hertz = _dominant_frequency(time, accelerations)
@@ -538,8 +549,9 @@ def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
         columns.append(axis_column * np.cos(2 * np.pi * hertz * time)[:, None])
         columns.append(axis_column * np.sin(2 * np.pi * hertz * time)[:, None])
     refit = fit.refit(s, *columns)
-    squares, squares_without = float((refit.left**2).sum()), float((fit.left**2).sum())
-    if squares > (1.0 - _MIN_SHARE_BY_SWAY) * squares_without:
+    squares = float((refit.left**2).sum())
+    squares_without_sway = float((fit.left**2).sum())
+    if squares > (1.0 - _MIN_SHARE_BY_SWAY) * squares_without_sway:
         return [], 1
     amplitude = float(np.linalg.norm(refit.x[-len(columns) :]))
     S = fit.gain(refit)
@@ -557,7 +569,10 @@ def _dominant_frequency(time: Array, signals: Array) -> float:
 
 
 def _causes_of_log(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
-    """Causes of the log: discrete ones if the residual is large, each by a refit, and continuous ones with the best columns."""
+    """Causes of the log with their evidence, and the number of tested causes.
+
+    Discrete causes are tested only if the residual is large, each by a refit; continuous causes are screened by their columns.
+    """
     s = fit.states
     discrete: list[Cause] = []
     share_of_all = float(np.sqrt((fit.left**2).sum() / max(float((fit.tau**2).sum()), 1e-300)))
@@ -584,7 +599,10 @@ def _causes_of_log(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
 
 
 def _causes_without_sign(fit: CauseFit) -> Iterator[Cause]:
-    """Torques without their sign, among those that are nowhere clearly negative, by the fit of the other joints."""
+    """Causes of torques that lost their sign, for joints whose torques are nowhere clearly negative.
+
+    The fit of the other joints decides.
+    """
     s = fit.states
     rms = np.sqrt((s.tau**2).mean(axis=0))
     is_positive = s.tau.min(axis=0) > -causes.MIN_NEGATIVE_PART * rms
@@ -616,17 +634,19 @@ def _refine_laws(fit: CauseFit, screened: Sequence[ScreenedCause]) -> Iterator[F
 
 def _refine_law(fit: CauseFit, screened: ScreenedCause) -> FoundCause:
     """Law with its coefficients from a second refit, whose columns come from the torques of the first refit."""
-    s, r, law = fit.states, fit.states.base.count, screened.cause
+    s, law = fit.states, screened.cause
     assert isinstance(law, Law)
     first_refit = fit.refit(s, *np.moveaxis(screened.e, -1, 0))
-    (e,) = law_columns(fit, [law], FittedTorques.from_groups(s, first_refit.x[:r]))
+    group_values = first_refit.x[: s.base.count]  # coefficients of the law follow
+    (e,) = law_columns(fit, [law], FittedTorques.from_groups(s, group_values))
     refit = fit.refit(s, *np.moveaxis(e, -1, 0))
-    count = e.shape[-1]
-    reported_count, cost = 1, 0.0  # of a load, only the mass
+    column_count = e.shape[-1]
+    reported_count, cost = 1, 0.0  # only the mass of a load is reported
     if law.kind == "force":
-        reported_count, cost = count, _FORCE_COST
+        reported_count, cost = column_count, _FORCE_COST
     S, t = fit.gain(refit), refit.t_value(fit)
-    coefficients, deviations = refit.x[-count:], refit.law_deviation(count)
+    coefficients = refit.x[-column_count:]
+    deviations = refit.law_deviation(column_count)
     value, deviation = coefficients[:reported_count], deviations[:reported_count]
     refit.release(fit)
     found = FoundCause(law.kind, law.joints, S, t, fit, refit, law=law, value=value, deviation=deviation, cost=cost)
@@ -646,7 +666,7 @@ def _refine_causes(fit: CauseFit, screened: Sequence[ScreenedCause]) -> list[Fou
 
 
 def refine_cause(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
-    """Cause at the value that minimises the held-out residual, refined from a nearby value."""
+    """Cause at the value that minimises the held-out residual, found from a nearby value ``beta``."""
     s = fit.states
     best = fit.refit(cause.correct(s, beta))
     S = fit.gain(best)
@@ -667,7 +687,7 @@ def refine_cause(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
 
 
 def _tested_cause(fit: CauseFit, refit: CauseFit, cause: Cause) -> FoundCause:
-    """Cause with its evidence: that of the refit with it, against the fit without it."""
+    """Cause with the evidence of the refit with it against the fit without it."""
     S, t = fit.gain(refit), refit.t_value(fit)
     refit.release(fit)
     found = FoundCause(cause.kind, cause.joints, S, t, fit, refit, cause.correct, number=cause.number, cost=cause.cost)
@@ -675,7 +695,7 @@ def _tested_cause(fit: CauseFit, refit: CauseFit, cause: Cause) -> FoundCause:
 
 
 def _begin(s: LogStates, since: tuple[int, float] | None) -> dict[str, Any]:
-    """Fields of a cause that begins within a log: its begin and end [s], and the number of the log."""
+    """Fields of a cause that begins within a log: its begin and end [s], and the number of the log; empty for other causes."""
     if since is None:
         return {}
     piece, time = since
@@ -685,9 +705,10 @@ def _begin(s: LogStates, since: tuple[int, float] | None) -> dict[str, Any]:
 def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
     """Largest change of predicted torques by the cause in another motion, as a share of a joint's torque (rms).
 
-    The motion is 200 states within 1.5 times the range of the log's positions, as fast as the log.
+    The motion is :data:`_STATES` random states within 1.5 times the range of the log's positions, as fast as the log.
     """
-    s, rng = fit.states, np.random.default_rng(seed)
+    s = fit.states
+    rng = np.random.default_rng(seed)
     middle = 0.5 * (s.q.max(axis=0) + s.q.min(axis=0))
     half_range = 0.75 * np.ptp(s.q, axis=0)
     q = middle + half_range * rng.uniform(-1.0, 1.0, (_STATES, len(half_range)))
@@ -709,8 +730,8 @@ def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
     )
     r = s.base.count
     before = motion.predicted_torques(fit.x[:r])
-    corrected = found.correct(motion) if found.correct else motion
-    after = corrected.with_fields(lag=0.0).predicted_torques(found.fit.x[:r])
+    corrected_motion = found.correct(motion) if found.correct else motion
+    after = corrected_motion.with_fields(lag=0.0).predicted_torques(found.fit.x[:r])
     if found.law is not None:
         e = found.law.columns(motion, FittedTorques.from_groups(motion, found.fit.x[:r]))
         after = after + e @ found.fit.x[-e.shape[-1] :]

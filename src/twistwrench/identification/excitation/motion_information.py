@@ -19,7 +19,7 @@ with m the smoothed maximum of v_i; for κ → 0 it becomes log det A - Λ log m
 with m the smoothed median of v_i for D_i = 1. Both have dm = Σ_i w_i dv_i with Σ_i w_i = 1, w_i ~ exp(v_i / κ) or w_i ~ S',
 and dv_i = -(A⁻¹ dA A⁻¹)_ii / (A⁻¹)_ii. Units change log det A only by a constant, but they change the condition number.
 
-Source: Swevers et al., 1997, for log det A and the condition number; the term with m is this library's own.
+Source: Swevers et al., 1997, for log det A and the condition number. The term with m was introduced by this library.
 """
 
 from __future__ import annotations
@@ -35,11 +35,12 @@ from ...core.typing import Array
 from ..parameters import BaseParameters
 
 ROWS_PER_SECOND = 25.0
-"""Independent rows per second: 2.5 per period of a cut-off of 10 Hz, as in :func:`identify`."""
-_WEIGHT_OF_WORST = 0.25  # Λ / (2 r)
+"""Number of independent rows per second: 2.5 per period of a cut-off of 10 Hz, as in :func:`identify`."""
+_WEIGHT_OF_MAXIMUM = 0.25  # Λ / (2 r), the weight of m for each group
 _MEDIAN_WIDTH = 0.7  # κ of the smoothed median: a factor of 2 between variances
 _MAXIMUM_WIDTH = 0.3  # κ of the smoothed maximum
 Criterion = Literal["log_det", "deviations"]
+"""Merit that a search maximises: the first or the second."""
 CRITERIA = get_args(Criterion)
 
 
@@ -52,18 +53,18 @@ class MotionInformation:
     friction_speed: Array  # (nv,) [rad/s, m/s]
     duration: float  # [s]
     prior: Array  # (r,), D: the largest plausible sizes of the groups
-    criterion: Criterion = "log_det"  # objective
+    criterion: Criterion = "log_det"
 
     def rows(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """(n, nv, r) columns of the base parameters in the torques."""
+        """Rows W (n, nv, r) of the torques, with a column for each base parameter."""
         return self.base.unknown.columns(self.base.kept, q, dq, ddq, self.friction_speed)
 
     def _inverse(self, W: Array) -> tuple[float, Array]:
         """log det A and A⁻¹, by a Cholesky factorisation with columns scaled to length 1."""
         import scipy.linalg
 
-        weighted = (W / self.noise[:, None]).reshape(-1, W.shape[-1])
-        A = weighted.T @ weighted * self._independent_share(W) + np.diag(self.prior**-2.0)
+        weighted_rows = (W / self.noise[:, None]).reshape(-1, W.shape[-1])
+        A = weighted_rows.T @ weighted_rows * self._independent_share(W) + np.diag(self.prior**-2.0)
         length = np.sqrt(A.diagonal())
         factor = scipy.linalg.cho_factor(A / length[:, None] / length, lower=True, check_finite=False)
         L, _ = factor
@@ -81,35 +82,39 @@ class MotionInformation:
         return log_det
 
     def merit_and_slope(self, W: Array) -> tuple[float, Array]:
-        """Merit of a search, to be maximised, for rows (n, nv, r), and G (n, nv, r), its derivative by each entry of W."""
+        """Merit for rows W (n, nv, r), and its derivative G (n, nv, r) by each entry of W."""
         log_det, inverse = self._inverse(W)
         variances = inverse.diagonal()
         # merit = first_term - scale m, with derivative tr(by_A dA)
+        group_count = len(inverse)
         if self.criterion == "deviations":
             m, weights = _smooth_median(np.log(variances))
-            first_term, by_A, scale = 0.0, np.zeros_like(inverse), float(len(weights))
+            scale = float(group_count)
+            first_term, by_A = 0.0, np.zeros_like(inverse)
         else:
             m, weights = _smooth_maximum(np.log(variances / self.prior**2))
-            first_term, by_A, scale = log_det, inverse, _WEIGHT_OF_WORST * len(inverse)
+            scale = _WEIGHT_OF_MAXIMUM * group_count
+            first_term, by_A = log_det, inverse
         by_A = by_A + scale * (inverse * (weights / variances)) @ inverse
-        return first_term - scale * m, 2.0 * self._independent_share(W) * (W @ by_A) / self.noise[:, None] ** 2
+        slope = 2.0 * self._independent_share(W) * (W @ by_A) / self.noise[:, None] ** 2
+        return first_term - scale * m, slope
 
     @cached_property
     def _pullback(self) -> Callable[..., tuple[Array, Array, Array]]:
-        """Derivatives of the weighted sum of regressor entries by the states, by reverse mode."""
+        """Function of states and weights: derivatives by the states of the weighted sum of regressor entries."""
         return self.base.unknown.robot.kernel("regressor", by=("q", "dq", "ddq"), form="weighted")
 
-    def slopes(self, states: Array, of_rows: Array) -> Array:
-        """(3, n, nv) derivatives of Σ of_rows W by the states of each instant, with weights ``of_rows`` (n, nv, r).
+    def slopes(self, states: Array, row_weights: Array) -> Array:
+        """Derivatives (3, n, nv) of Σ G W by the states of each instant, with the weights G (n, nv, r).
 
-        A parameter of a drive enters the torque of one joint alone, as without coupled motors.
+        States are q, dq and ddq. A parameter of a drive enters only the torque of one joint, as there are no coupled motors.
         """
         unknown = self.base.unknown
-        body_columns = unknown.of_bodies[self.base.kept]
+        body_columns = unknown.of_bodies[self.base.kept]  # of the regressor; -1 for parameters of drives
         is_body = body_columns >= 0
-        weights = np.zeros((*of_rows.shape[:2], len(unknown.robot.parameters)))
-        weights[:, :, body_columns[is_body]] = of_rows[:, :, is_body]
-        slopes = np.stack(self._pullback(*states, weights))
+        regressor_weights = np.zeros((*row_weights.shape[:2], len(unknown.robot.parameters)))
+        regressor_weights[:, :, body_columns[is_body]] = row_weights[:, :, is_body]
+        slopes = np.stack(self._pullback(*states, regressor_weights))
         by_dq, by_ddq = slopes[1], slopes[2]
         dq = states[1]
         smooth_sign = np.tanh(dq / self.friction_speed)
@@ -117,28 +122,30 @@ class MotionInformation:
         one = np.ones_like(dq)
         coulomb_slope = (1.0 - smooth_sign**2) / self.friction_speed
         stribeck_slope = fading * (coulomb_slope - 2.0 * dq / unknown.stribeck_speed**2 * smooth_sign)
-        column_slopes = {
+        column_slopes = {  # array of derivatives to which a kind of column adds, and its slope
             "motor_inertia": (by_ddq, one),
             "viscous": (by_dq, one),
             "coulomb": (by_dq, coulomb_slope),
             "stribeck": (by_dq, stribeck_slope),
         }
-        kinds, joints = np.array(unknown.kinds)[self.base.kept], self.base.felt.argmax(axis=0)
+        kinds = np.array(unknown.kinds)[self.base.kept]
+        joint_of_column = self.base.felt.argmax(axis=0)
         for kind, (by_rate, slope) in column_slopes.items():
             columns = np.flatnonzero(kinds == kind)
-            own_joints = joints[columns]
-            by_rate[:, own_joints] += of_rows[:, own_joints, columns] * slope[:, own_joints]
+            joints = joint_of_column[columns]
+            by_rate[:, joints] += row_weights[:, joints, columns] * slope[:, joints]
         return slopes
 
     def deviations(self, W: Array) -> Array:
-        """(r,) expected standard deviations of the base parameters, from rows (n, nv, r)."""
+        """Expected standard deviations (r,) of the base parameters, from rows W (n, nv, r)."""
         _, inverse = self._inverse(W)
         return np.sqrt(inverse.diagonal())
 
     def condition(self, W: Array) -> float:
-        """Condition number of W, in SI units."""
+        """Condition number of the rows W (n, nv, r), in SI units."""
         singular_values = np.linalg.svd(W.reshape(-1, W.shape[-1]), compute_uv=False)
-        return float(singular_values[0] / max(singular_values[-1], 1e-300))
+        largest, smallest = singular_values[0], singular_values[-1]
+        return float(largest / max(smallest, 1e-300))
 
 
 def _smooth_maximum(values: Array) -> tuple[float, Array]:

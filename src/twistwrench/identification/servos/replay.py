@@ -24,14 +24,19 @@ from ..rows import interpolate
 Hold = Literal["zero", "linear"]
 """Course of a command between its samples: held, or straight."""
 QUANTITIES = ("armature", "damping", "coulomb", "kp")
-"""Values of each joint, in the order of the unknowns; their logarithms are estimated, and the delay is the last unknown."""
+"""Values of each joint, in the order of the unknowns.
+
+The unknowns p are the logarithms of these four values for each joint in turn, and last the delay [s].
+"""
+_ARMATURE, _DAMPING, _COULOMB, _STIFFNESS = range(len(QUANTITIES))
+"""Indices of the values."""
 SERVO_UNITS = {
     "armature": ("kg m^2", "kg"),
     "damping": ("N m s/rad", "N s/m"),
     "coulomb": units_of("tau", (True, False)),
     "kp": ("N m/rad", "N/m"),
 }
-"""SI units of each value of a joint: turning joints first, then sliding ones."""
+"""SI units of each value: of a turning joint, of a sliding joint."""
 
 
 def servo_unit(quantity: str, *, turning: bool) -> str:
@@ -47,22 +52,24 @@ The first three have friction peaks of different widths around rest; friction of
 """
 _MAX_STATE_STEP = 2.5e-3
 """Longest time between stored states [s]; positions between them are cubic."""
-_MAX_STEP, _MIN_STEP = 5e-4, 5e-5
+_MIN_STEP = 5e-5
+_MAX_STEP = 5e-4
 """Bounds of the integrator's step [s]."""
-_STEPS_OF_PERIOD = 20.0
-"""Least number of integrator steps in √(armature/kp)."""
+_MIN_STEPS_PER_PERIOD = 20.0
+"""Least number of integrator steps in √(armature/kp), the period of the servo divided by 2π."""
 _MAX_SHARE_OF_DECAY = 0.5
-"""Longest step as a share of armature/damping."""
+"""Longest step as a share of armature/damping, the decay time of velocities."""
 _MIN_ARMATURE_SHARE = 0.1
-"""Least armature of the steps as a share of the servo's."""
+"""Least armature used by the steps, as a share of the servo's armature."""
 _BATCH_BYTES = 96 * 2**20
-"""Largest size of the commands of one batch."""
-_FIRST_ROWS = 8
-"""Least number of first rows from which the initial velocity is computed."""
-_FIRST_SECONDS = 0.1
+"""Largest size of the commands of one batch [bytes]."""
+_BYTES_PER_FLOAT = 8
+_MIN_INITIAL_ROWS = 8
+"""Least number of rows at the begin of a log from which its initial velocity is computed."""
+_MIN_INITIAL_SECONDS = 0.1
 """Least duration of these rows [s]."""
 _HOLD_SECONDS = 1e3
-"""Time for which the first and the last command are held outside of the log [s]: longer than any delay."""
+"""Time for which the first command is held before the log, and the last after it [s]: longer than any delay."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +83,12 @@ class ServoLog:
 
     @classmethod
     def from_arrays(cls, time: Array, q: Array, command: Array) -> ServoLog:
-        """Log of arrays; the initial velocity is that of a cubic through the first rows."""
+        """Log of arrays; the initial velocity is the slope at time 0 of a cubic fitted to the first rows."""
         t = time - time[0]
-        first_rows = slice(0, max(_FIRST_ROWS, int(np.searchsorted(t, _FIRST_SECONDS))))
+        rows_in_time = int(np.searchsorted(t, _MIN_INITIAL_SECONDS))
+        first_rows = slice(0, max(_MIN_INITIAL_ROWS, rows_in_time))
         coefficients = np.polynomial.polynomial.polyfit(t[first_rows], q[first_rows], 3)
-        begin_velocity = coefficients[1]
+        begin_velocity = coefficients[1]  # of the linear term
         return cls(t, q, command, begin_velocity)
 
     @property
@@ -89,43 +97,49 @@ class ServoLog:
         return float(np.median(np.diff(self.time)))
 
     def mean_command(self, begin: Array, width: float, hold: Hold) -> Array:
-        """(k, nv) means of the command over [begin, begin + width] (k,). They are smooth in a delay, also of held commands.
+        """Means (k, nv) of the command from ``begin`` (k,) to ``begin + width`` [s].
 
-        The mean of straight commands is nearly their value in the middle.
+        A mean changes smoothly with a delay, even if the command is held between samples.
         """
-        if hold == "linear":
+        if hold == "linear":  # the mean of a straight command is nearly its value in the middle
             return interpolate(begin + 0.5 * width, self.time, self.command)
         # the integral of a held command is piecewise linear between the times at which the command changes
         knots = np.concatenate([[-_HOLD_SECONDS], self.time[1:], [self.time[-1] + _HOLD_SECONDS]])
         increments = np.diff(knots)[:, None] * self.command
-        integral = np.concatenate([np.zeros((1, self.q.shape[1])), increments]).cumsum(axis=0)
-        at_end = interpolate(begin + width, knots, integral)
-        at_begin = interpolate(begin + 0.0, knots, integral)
-        return np.asarray((at_end - at_begin) / width)
+        zero_at_start = np.zeros((1, self.q.shape[1]))
+        integral = np.concatenate([zero_at_start, increments]).cumsum(axis=0)
+        integral_to_end = interpolate(begin + width, knots, integral)
+        integral_to_begin = interpolate(begin + 0.0, knots, integral)
+        return np.asarray((integral_to_end - integral_to_begin) / width)
 
 
 @dataclass(frozen=True, eq=False)
 class ServoReplay:
-    """Replay of logs on one robot with steps of one length."""
+    """Replay of logs on one robot with steps of one length.
+
+    Arrays with a first axis of length S have an entry for each of S vectors of unknowns.
+    """
 
     robot: Robot
     logs: Sequence[ServoLog]
     hold: Hold
     step: float
+    """Step of the integrator [s]."""
     law: str = ""
-    """Additional law of friction, one of :data:`LAWS`, with a coefficient for each joint."""
+    """Name of an additional law of friction in :data:`LAWS`; empty for Coulomb friction alone."""
     share: Array | None = None
-    """(S, nv) coefficients of this law: shares of Coulomb friction; for ``load``, shares of the carried torque."""
+    """Coefficients (S, nv) of this law: shares of Coulomb friction; for ``load``, shares of the carried torque."""
     count: list[int] = field(default_factory=lambda: [0])
-    """Number of rollouts so far."""
+    """Number of rollouts so far, as the only entry of a list, since the replay itself is frozen."""
 
     @staticmethod
     def step_of(p: Array) -> float:
         """Step [s] that is short enough for unknowns p (4 nv + 1,)."""
-        armature, damping, _, kp = np.exp(p[:-1].reshape(-1, len(QUANTITIES))).T
+        logarithms = p[:-1].reshape(-1, len(QUANTITIES))  # without the delay
+        armature, damping, _, kp = np.exp(logarithms).T
         shortest_period = np.sqrt(armature / kp).min()
         shortest_decay = (armature / damping).min()
-        step = min(shortest_period / _STEPS_OF_PERIOD, _MAX_SHARE_OF_DECAY * shortest_decay)
+        step = min(shortest_period / _MIN_STEPS_PER_PERIOD, _MAX_SHARE_OF_DECAY * shortest_decay)
         return float(np.clip(step, _MIN_STEP, _MAX_STEP))
 
     def positions(self, p: Array) -> list[Array]:
@@ -134,45 +148,50 @@ class ServoReplay:
 
     def _positions_of(self, log: ServoLog, p: Array) -> Array:
         """Positions (S, n, nv) of the rows of one log, computed in batches to limit memory."""
-        stored_every = max(1, int(_MAX_STATE_STEP / self.step))  # steps from one stored state to the next
-        steps = stored_every * int(np.ceil(log.time[-1] / (stored_every * self.step)) + 1)
-        batch_size = max(1, _BATCH_BYTES // (8 * steps * self.robot.nv))
+        steps_per_state = max(1, int(_MAX_STATE_STEP / self.step))  # from one stored state to the next
+        state_count = int(np.ceil(log.time[-1] / (steps_per_state * self.step)) + 1)
+        steps = steps_per_state * state_count
+        bytes_per_command = _BYTES_PER_FLOAT * steps * self.robot.nv
+        batch_size = max(1, _BATCH_BYTES // bytes_per_command)
         share = np.zeros((len(p), self.robot.nv)) if self.share is None else self.share
         positions = list[Array]()
         for k in range(0, len(p), batch_size):
             batch = slice(k, k + batch_size)
-            positions.append(self._batch(log, p[batch], share[batch], steps, stored_every))
+            positions.append(self._positions_of_batch(log, p[batch], share[batch], steps, steps_per_state))
         return np.concatenate(positions)
 
-    def _batch(self, log: ServoLog, p: Array, share: Array, steps: int, stored_every: int) -> Array:
+    def _positions_of_batch(self, log: ServoLog, p: Array, share: Array, steps: int, steps_per_state: int) -> Array:
         """Positions (S, n, nv) of the rows of one log, for all unknowns p (S, 4 nv + 1) together."""
         self.count[0] += len(p)
-        x = np.exp(p[:, :-1].reshape(len(p), -1, len(QUANTITIES)))
+        x = np.exp(p[:, :-1].reshape(len(p), -1, len(QUANTITIES)))  # (S, nv, 4)
         h = self.step
         begins = h * np.arange(steps)
-        delays, delay_of_batch = np.unique(p[:, -1], return_inverse=True)  # most unknowns share one delay
+        delays, delay_indices = np.unique(p[:, -1], return_inverse=True)  # most unknowns share one delay
         commands = np.stack([log.mean_command(begins - delay, h, self.hold) for delay in delays])
-        reference = commands[delay_of_batch]
+        reference = commands[delay_indices]
         armature, damping = self._stepped_values(x)
-        law = BatchPD(reference, x[:, None, :, 3], damping[:, None], gravity=False)
+        law = BatchPD(reference, x[:, None, :, _STIFFNESS], damping[:, None], gravity=False)
+        parameters = self._parameters(armature, x[:, :, _COULOMB], share)
+        begin_positions = np.broadcast_to(log.q[0], (len(p), len(log.q[0])))
         rollout = self.robot.rollout(
-            np.broadcast_to(log.q[0], (len(p), len(log.q[0]))), log.begin_velocity, law, dt=h, steps=steps,
-            every=stored_every, parameters=self._parameters(armature, x[:, :, 2], share), friction=True,
+            begin_positions, log.begin_velocity, law, dt=h, steps=steps, every=steps_per_state, parameters=parameters,
+            friction=True,
         )  # fmt: skip
-        return _hermite(rollout.q, rollout.dq, log.time, stored_every * h)
+        return _hermite(rollout.q, rollout.dq, log.time, steps_per_state * h)
 
     def _stepped_values(self, x: Array) -> tuple[Array, Array]:
-        """Armature and damping (S, nv) with which steps of length h move as a servo with values x (S, nv, 4) does.
+        """Armature and damping (S, nv) with which steps of length h move like a servo with values x (S, nv, 4).
 
         Steps take the stiffness half a step early, kp (q - ½ h dq), and the damping half a step late, d (dq + ½ h ddq). So the
         damping is increased by ½ h kp, and the armature decreased by ½ h times this damping.
         """
-        damping = x[:, :, 1] + 0.5 * self.step * x[:, :, 3]
-        armature = x[:, :, 0] - 0.5 * self.step * damping
-        return np.maximum(armature, _MIN_ARMATURE_SHARE * x[:, :, 0]), damping
+        damping = x[:, :, _DAMPING] + 0.5 * self.step * x[:, :, _STIFFNESS]
+        armature = x[:, :, _ARMATURE] - 0.5 * self.step * damping
+        min_armature = _MIN_ARMATURE_SHARE * x[:, :, _ARMATURE]
+        return np.maximum(armature, min_armature), damping
 
     def _parameters(self, armature: Array, coulomb: Array, share: Array) -> dict[str, Array | float]:
-        """Armature and friction by name; damping is in the law."""
+        """Armature and friction by name; viscous friction is zero, since damping is part of the torque law."""
         parameters: dict[str, Array | float] = {}
         for j, name in enumerate(self.robot.model.drive_names):
             parameters[f"{name}.armature"] = armature[:, j]
@@ -186,9 +205,11 @@ class ServoReplay:
 
 
 def _hermite(q: Array, dq: Array, time: Array, h: float) -> Array:
-    """(S, m, nv) values at times (m,) of cubics through values and slopes (S, n, nv) at steps of h."""
-    k = np.minimum((time / h).astype(int), q.shape[1] - 2)
-    u = (time / h - k)[:, None]  # place between step k and the next, 0 to 1
-    first, last = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u**2 * (3.0 - 2.0 * u)
-    slopes = h * u * (1.0 - u)
-    return np.asarray(first * q[:, k] + last * q[:, k + 1] + slopes * ((1.0 - u) * dq[:, k] - u * dq[:, k + 1]))
+    """Values (S, m, nv) at times (m,) of cubics through values q and slopes dq (S, n, nv) at steps of h."""
+    last_interval = q.shape[1] - 2
+    k = np.minimum((time / h).astype(int), last_interval)
+    u = (time / h - k)[:, None]  # from 0 at step k to 1 at step k + 1
+    first_weight = (1.0 + 2.0 * u) * (1.0 - u) ** 2
+    last_weight = u**2 * (3.0 - 2.0 * u)
+    slope_terms = h * u * (1.0 - u) * ((1.0 - u) * dq[:, k] - u * dq[:, k + 1])
+    return np.asarray(first_weight * q[:, k] + last_weight * q[:, k + 1] + slope_terms)

@@ -26,7 +26,7 @@ from .recursion import add_entry, ancestors, armature_symbols, inward, joint_pos
 
 
 class BodyCoriolis:
-    """The operator B of one body or of several joined ones, given by K (3, 3) and p (3,)."""
+    """The operator B of one body or of several joined bodies, given by K (3, 3) and p (3,)."""
 
     def __init__(self, K: Array, p: Array) -> None:
         self.K, self.p = K, p
@@ -43,7 +43,7 @@ class BodyCoriolis:
         return BodyCoriolis(self.K + other.K, self.p + other.p)
 
     def in_frame(self, T: Array) -> BodyCoriolis:
-        """Operator expressed in {a}, given one in {b} and T = T_ab."""
+        """Operator expressed in {a}, if this operator is expressed in {b} and T = T_ab."""
         R, origin = T[:3, :3], T[:3, 3]
         p = R @ self.p
         K = R @ self.K @ R.T + np.outer(p, origin)
@@ -61,9 +61,10 @@ class BodyCoriolis:
 
 
 def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
-    """C with C dq = c and dM/dt - 2C skew; (nv, nv). For joints of one degree, C is made of Christoffel symbols."""
+    """C (nv, nv) with C dq = c and dM/dt - 2C skew. For joints of one degree, C consists of Christoffel symbols."""
     T = joint_poses(model, q)
-    V, G = body_velocities(model, T, dq), composite_inertias(model, q)
+    V = body_velocities(model, T, dq)
+    G = composite_inertias(model, q)
     B = [BodyCoriolis.from_twist(body.inertia, V[i]) for i, body in enumerate(model.bodies)]
     for i, p in inward(model):
         if p != BASE:
@@ -74,7 +75,9 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
         for k, S_i in enumerate(body.joint.axes):
             dS_i = ad(V[i]) @ S_i
             # Wrenches of (1) and (2), in the frame of body i and then of each ancestor
-            F, GS, BS = G[i] @ dS_i + B[i] @ S_i, G[i] @ S_i, B[i].transposed_times(S_i)
+            F = G[i] @ dS_i + B[i] @ S_i
+            GS = G[i] @ S_i
+            BS = B[i].transposed_times(S_i)
             for j in ancestors(model, i):  # i itself first
                 ancestor = model.bodies[j]
                 for m, S_j in enumerate(ancestor.joint.axes):
@@ -89,7 +92,10 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
 
 
 def christoffel(model: Model, q: Array) -> Array:
-    """Γ_ijk of the first kind; (nv, nv, nv). C is linear in dq, so Γ_··k is C at the k-th unit velocity. MR section 8.1.2."""
+    """Christoffel symbols Γ_ijk of the first kind, (nv, nv, nv). MR section 8.1.2.
+
+    C is linear in dq, so Γ_··k is C at the k-th unit velocity.
+    """
     gamma = zeros(model.nv, model.nv, model.nv)
     for k, unit_velocity in enumerate(np.eye(model.nv).astype(object)):
         gamma[:, :, k] = coriolis_matrix(model, q, unit_velocity)

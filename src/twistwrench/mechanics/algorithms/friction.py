@@ -13,14 +13,14 @@ from ..model.model import Model
 
 
 def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:
-    """Torques that overcome friction at dq for joints that transmit the torque ``load``; (nv,)."""
+    """Torques (nv,) that overcome friction at dq, for joints that transmit the torques ``load``; None: none."""
     u = motor_velocities(model, dq)
     drive_load = None if load is None else motor_torques(model, load)
     return np.asarray(joint_torques(model, _drive_friction(model, u, drive_load)))
 
 
 def _drive_friction(model: Model, u: Array, load: Array | None = None) -> Array:
-    """Torques of the friction law at the velocities u of drives that transmit ``load``; (nv,)."""
+    """Torques (nv,) of the friction law at the velocities u of drives that transmit the torques ``load``; None: none."""
     friction, direction = model.friction, signs(u)
     tau = friction.viscous * u + direction * _dry_friction(model, u)
     if load is not None:
@@ -29,7 +29,7 @@ def _drive_friction(model: Model, u: Array, load: Array | None = None) -> Array:
 
 
 def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
-    """Part of the torques tau that remains after friction; (nv,).
+    """Part (nv,) of the torques tau that remains after friction.
 
     The transmitted torque x solves x + sign(dq) load |x| = y, where y is the torque that remains after the friction that does
     not depend on the load. As load < 1, x has the sign of y, and x = y / (1 + load sign(dq) sign(y)).
@@ -41,7 +41,7 @@ def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
 
 
 def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array) -> Array:
-    """Like :func:`torque_past_friction`, but dry friction is multiplied by ``share`` of :func:`eased`; (nv,)."""
+    """Like :func:`torque_past_friction`, but dry friction is multiplied by ``share`` (nv,) of :func:`sliding_share`; (nv,)."""
     u = motor_velocities(model, dq)
     viscous = model.friction.viscous * u
     y = motor_torques(model, tau) - viscous - share * (_drive_friction(model, u) - viscous)
@@ -50,9 +50,9 @@ def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array
 
 
 def sliding_share(dq: Array, creep: Array) -> Array:
-    """tanh(|dq| / creep), the fraction of dry friction at low speeds; (nv,).
+    """Fraction (nv,) of dry friction that acts at low speeds, tanh(|dq| / creep).
 
-    For symbols, tanh x = 1 - 2 / (e^(2x) + 1). Near rest the absolute error of this form is 1e-16, so the relative error is
+    For symbols, tanh x = 1 - 2 / (e^(2x) + 1). The absolute error of this form is 1e-16; near rest, its relative error is
     larger.
     """
     if dq.dtype != object:
@@ -69,7 +69,7 @@ def dry_friction_indices(model: Model) -> list[int]:
 
 
 def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
-    """Largest dry friction of joints that slide backward and forward, at the speeds dq; (nv,) each.
+    """Largest dry friction at the speeds dq of joints that slide backward, and of joints that slide forward; (nv,) each.
 
     The two differ if friction grows with the load: the transmitted torque is the part of tau that remains after friction, as
     in :func:`torque_past_friction`.
@@ -87,7 +87,7 @@ def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
 
 
 def _dry_friction(model: Model, dq: Array) -> Array:
-    """Coulomb friction c plus the part of static friction s that remains at this speed, c + (s - c) exp(-(dq/v)²); (nv,)."""
+    """Coulomb friction c plus the part of static friction s that remains at the speeds dq: c + (s - c) exp(-(dq/v)²); (nv,)."""
     friction = model.friction
     dry = np.full(dq.shape, 0.0, object)
     laws = zip(friction.coulomb, friction.static, friction.stribeck, dq, strict=True)
@@ -109,15 +109,16 @@ def is_zero(x: Any) -> bool:
     return isinstance(x, float) and x == 0.0
 
 
-# Symbols have their own functions exp, sign and clip; numbers have not.
+# Symbols have the methods exp, sign and clip; numbers do not.
 
 
 def _exp(x: Any) -> Any:
+    """Exponential of a symbol or number."""
     return x.exp() if hasattr(x, "exp") else np.exp(x)
 
 
 def signs(x: Array) -> Array:
-    """-1, 0 or 1 of each entry, for symbols and numbers."""
+    """Sign -1, 0 or 1 of each entry, for symbols and numbers."""
     entry_signs = [entry.sign() if hasattr(entry, "sign") else np.sign(entry) for entry in x]
     return np.array(entry_signs, object).reshape(x.shape)
 
@@ -132,7 +133,7 @@ def positive(x: Any) -> Any:
 
 
 def either(which: Any, a: Any, b: Any) -> Any:
-    """a if ``which`` is 1, b if it is 0; bit-exact for finite numbers."""
+    """a if ``which`` is 1, b if ``which`` is 0; bit-exact for finite numbers."""
     return which * a + (1.0 - which) * b
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +12,10 @@ from ...core.typing import Array
 from .shells import edges_of, nest, shell_numbers, winding
 
 _MIN_WINDING = 0.5
-"""Winding number above which a point is inside a closed shell. An open shell then surrounds most of the point's directions."""
+"""Winding number above which a point counts as inside.
+
+A closed shell has a whole number. An open shell with a larger number covers more than half of the directions from the point.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,24 +23,28 @@ class Shell:
     """Connected faces of a mesh."""
 
     triangles: Array
-    """Corners (k, 3, 3)."""
+    """Corners of its k faces (k, 3, 3) [m]."""
     closed: bool
     """True if every edge belongs to two faces, or to another even number of faces."""
 
     @cached_property
     def box(self) -> tuple[Array, Array]:
-        """Lower and upper corner (3,) of its box."""
+        """Lower and upper corner, each (3,), of the box around the shell."""
         return self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
 
     def around(self, point: Array) -> Array | None:
-        """Faces (k, 3, 3) turned outward if a point (3,) is inside them; otherwise None."""
+        """Faces (k, 3, 3), turned outward, if the shell is around the point (3,); otherwise None."""
         low, high = self.box
-        if not ((low < point) & (point < high)).all():
+        is_in_box = ((low < point) & (point < high)).all()
+        if not is_in_box:
             return None
-        winding_number = float(winding(point[None], self.triangles)[0])
-        if not abs(winding_number) > _MIN_WINDING:  # also for NaN: the point is on a face
+        winding_numbers = winding(point[None], self.triangles)
+        winding_number = float(winding_numbers[0])
+        is_on_face = math.isnan(winding_number)
+        if is_on_face or abs(winding_number) <= _MIN_WINDING:
             return None
-        return self.triangles if winding_number > 0 else self.triangles[:, ::-1]
+        are_outward = winding_number > 0
+        return self.triangles if are_outward else self.triangles[:, ::-1]  # the other order of corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,17 +67,18 @@ class Enclosure:
         if not len(self.faces):
             return ()
         _, shell_of_face = shell_numbers(self.faces)
-        order = np.argsort(shell_of_face, kind="stable")
-        first_faces = np.flatnonzero(np.diff(shell_of_face[order])) + 1
+        order = np.argsort(shell_of_face, kind="stable")  # faces of a shell adjoin, in their order in the mesh
+        shell_changes = np.diff(shell_of_face[order])
+        first_faces = np.flatnonzero(shell_changes) + 1  # of all shells after the first
         faces_of_shells = np.split(self.faces[order], first_faces)
         return tuple(_shell(self.vertices, faces) for faces in faces_of_shells)
 
     def holds(self, points: Array) -> bool | None:
-        """True if points (n, 3) that no face separates lie in the solid, not in a cavity; None if open shells leave it open.
+        """True if points lie in the solid, not in a cavity; None if this depends on the missing faces of open shells.
 
         Parameters
         ----------
-        points : (n, 3) array [m]
+        points : (n, 3) array [m], not separated by a face: the first point is tested for all
 
         Returns
         -------
@@ -85,28 +94,34 @@ class Enclosure:
         """
         if not self.reaches(points).all():
             return False
-        closed_shells, is_in_open_shell = list[Array](), False
+        faces_of_closed_shells: list[Array] = []  # of the shells around the point
+        is_in_open_shell = False
         for shell in self.shells:
             faces = shell.around(points[0])
-            if faces is not None and shell.closed:
-                closed_shells.append(faces)
-            elif faces is not None:
+            if faces is None:
+                continue
+            if shell.closed:
+                faces_of_closed_shells.append(faces)
+            else:
                 is_in_open_shell = True
-        if closed_shells:
-            shell_of_face = np.repeat(np.arange(len(closed_shells)), [len(faces) for faces in closed_shells])
-            nesting = nest(np.concatenate(closed_shells), shell_of_face, len(closed_shells))
-            innermost_bounds_solid = int(nesting.depth.max()) % 2 == 0
+        if faces_of_closed_shells:
+            count = len(faces_of_closed_shells)
+            face_counts = [len(faces) for faces in faces_of_closed_shells]
+            shell_of_face = np.repeat(np.arange(count), face_counts)
+            nesting = nest(np.concatenate(faces_of_closed_shells), shell_of_face, count)
+            depth_of_innermost = int(nesting.depth.max())
+            innermost_bounds_solid = depth_of_innermost % 2 == 0  # shells of odd depth bound cavities
             if nesting.cutting or innermost_bounds_solid:
                 return True
         return None if is_in_open_shell else False
 
     @cached_property
     def _box(self) -> tuple[Array, Array]:
-        """Lower and upper corner (3,) of the box around the mesh."""
+        """Lower and upper corner, each (3,), of the box around the mesh."""
         return self.vertices.min(axis=0, initial=np.inf), self.vertices.max(axis=0, initial=-np.inf)
 
     def reaches(self, points: Array) -> Array:
-        """True for those of the points (n, 3) that are in the box around the mesh.
+        """Test which points are in the box around the mesh.
 
         Parameters
         ----------

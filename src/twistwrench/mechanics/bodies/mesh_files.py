@@ -1,4 +1,4 @@
-"""Files of meshes. Names of other files, and sizes of unpacked arrays, are checked before trimesh reads them."""
+"""Mesh files. Before trimesh reads a file, the names of other files in it and the sizes of unpacked arrays are checked."""
 
 from __future__ import annotations
 
@@ -16,20 +16,24 @@ from ...core.third_party import third_party_errors
 from ...core.typing import Array
 
 SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
-"""Suffixes of the mesh files that a robot file may name. Others are never opened."""
+"""Suffixes of the mesh files that a robot file may name. Other files are never opened."""
 _MAX_BYTES = 256 * 2**20
-"""Largest file of a mesh [bytes]."""
+"""Largest size of a mesh file [bytes]."""
+_MAX_NAME_LENGTH = 200
+"""Number of characters of a name in a message."""
 _GLB_MAGIC = b"glTF"
 """First bytes of a file in binary glTF."""
-_GLB_JSON = slice(20, None)
-"""Bytes from the JSON of binary glTF on, after two headers."""
+_GLB_JSON_LENGTH = slice(12, 16)
+"""Bytes with the length of the JSON in binary glTF."""
+_GLB_JSON_START = 20
+"""First byte of the JSON in binary glTF, after two headers."""
 
 
 class MeshPart(NamedTuple):
     """Triangles of one part of a file, in the file's frame."""
 
     vertices: Array
-    """(n, 3)"""
+    """Positions (n, 3)."""
     faces: Array
     """(k, 3) vertex numbers."""
     colour: tuple[float, float, float] | None
@@ -39,8 +43,8 @@ class MeshPart(NamedTuple):
 def read_parts(path: Path) -> list[MeshPart]:
     """Parts of a mesh file that trimesh reads.
 
-    Raises MissingExtraError, NotFoundError, and ModelError whose text is a sentence without its subject. Materials and buffers
-    in other files are read only from the folder of the mesh and from folders below.
+    Raises MissingExtraError and NotFoundError. Raises ModelError whose text is a sentence without its subject, the mesh.
+    Materials and buffers in other files are read only from the folder of the mesh and from folders below.
     """
     try:
         import trimesh
@@ -52,9 +56,10 @@ def read_parts(path: Path) -> list[MeshPart]:
         parts = []
         scene = _scene(path, trimesh)
         for node in scene.graph.nodes_geometry:
-            T, name = scene.graph[node]
+            T, name = scene.graph[node]  # pose in the file's frame, name of the mesh
             mesh = scene.geometry[name]
-            if not len(getattr(mesh, "faces", ())):
+            face_count = len(getattr(mesh, "faces", ()))  # points and lines have no faces
+            if face_count == 0:
                 continue
             shape = np.shape(mesh.vertices)
             if shape[1:] != (3,):
@@ -68,7 +73,7 @@ def read_parts(path: Path) -> list[MeshPart]:
 
 
 def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
-    """Main colour of a mesh, 0 to 1 each; None if the file gives none."""
+    """Main colour of a mesh: red, green, blue, 0 to 1 each; None if the file has no colour."""
     if mesh.visual.kind not in ("texture", "face", "vertex"):
         return None
     source = mesh.visual.material if mesh.visual.kind == "texture" else mesh.visual
@@ -79,14 +84,14 @@ def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
 def _scene(path: Path, trimesh: Any) -> Any:
     """Content of a mesh file, checked before it is unpacked."""
 
-    class Neighbours(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
-        """Files beside a mesh; versions of trimesh before 5 read any file."""
+    class FolderResolver(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+        """Reader of other files, only in the folder of the mesh; versions of trimesh before 5 read any file."""
 
         def get(self, name: str) -> bytes:
             folder = path.resolve().parent
             named_path = (folder / name.strip()).resolve()
             if not named_path.is_relative_to(folder):
-                raise ModelError(f"names {name[:200]!r}, which lies outside the folder of the mesh")
+                raise ModelError(f"names {name[:_MAX_NAME_LENGTH]!r}, which lies outside the folder of the mesh")
             return read_bytes(named_path, _MAX_BYTES)
 
     data = read_bytes(path, _MAX_BYTES)
@@ -94,15 +99,18 @@ def _scene(path: Path, trimesh: Any) -> Any:
     if suffix == ".dae":
         from ...core.entities import refuse_entities
 
-        refuse_entities(data, lambda name: ModelError(f"declares the entity {name[:200]!r}, which is refused"))
+        def refusal(name: str) -> ModelError:
+            return ModelError(f"declares the entity {name[:_MAX_NAME_LENGTH]!r}, which is refused")
+
+        refuse_entities(data, refusal)
     elif suffix in (".gltf", ".glb"):
         _check_gltf(data)
     file_type = suffix.removeprefix(".")
-    return trimesh.load_scene(io.BytesIO(data), file_type=file_type, resolver=Neighbours(str(path)))
+    return trimesh.load_scene(io.BytesIO(data), file_type=file_type, resolver=FolderResolver(str(path)))
 
 
 def check_faces(faces: Any, count: int) -> None:
-    """Raise ModelError, a sentence without its subject, for a face whose vertex number is not below ``count``."""
+    """Raise ModelError, a sentence without its subject, for a face whose vertex number is not among ``count`` vertices."""
     lowest, highest = int(faces.min()), int(faces.max())
     if lowest < 0 or highest >= count:
         wrong_number = highest if highest >= count else lowest
@@ -116,8 +124,8 @@ def _check_gltf(data: bytes) -> None:
     """
     json_text = data
     if data.startswith(_GLB_MAGIC):
-        json_length = int.from_bytes(data[12:16], "little")
-        json_text = data[_GLB_JSON][:json_length]
+        json_length = int.from_bytes(data[_GLB_JSON_LENGTH], "little")
+        json_text = data[_GLB_JSON_START : _GLB_JSON_START + json_length]
     content: dict[str, Any] = json.loads(json_text)
     for number, accessor in enumerate(content.get("accessors", ())):
         if "bufferView" not in accessor:

@@ -15,17 +15,17 @@ from .series import within_reach
 
 
 def rotation(quat: ArrayLike) -> Array:
-    """Rotation matrix of a quaternion of length 1e-150 to 1e150; (..., 4) → (..., 3, 3). Works on symbols too.
+    """Rotation matrix of a quaternion of length 1e-150 to 1e150, also of symbols; (..., 4) → (..., 3, 3).
 
     A zero quaternion raises :class:`~twistwrench.ValueRangeError`.
     """
     quat = arguments.array(quat, "quaternion.rotation: quat", 4)
-    # square / square is 1, but inf / inf = NaN if the square overflows: without it the result would be a wrong rotation.
+    # The factor square / square is 1. It is NaN if the square overflows, where the result would be a wrong rotation without it.
     if quat.ndim == 1 and quat.dtype == np.float64:  # for four numbers, floats are faster than NumPy
         w, x, y, z = quat.tolist()
         square = w * w + x * x + y * y + z * z
         if square == 0.0:
-            _require_nonzero(np.zeros(()), "quaternion.rotation: quat")
+            _require_nonzero(np.zeros(()), "quaternion.rotation: quat")  # raises
         return np.array(entries(w, x, y, z, 2.0 / square * (square / square))).reshape(3, 3)
     w, x, y, z = np.moveaxis(quat, -1, 0)
     square = w * w + x * x + y * y + z * z
@@ -38,7 +38,7 @@ def rotation(quat: ArrayLike) -> Array:
 def entries(w: Any, x: Any, y: Any, z: Any, s: Any) -> list[Any]:
     """Nine entries of the rotation matrix row by row, s = 2 / squared length; for numbers, arrays and symbols."""
     sx, sy, sz = s * x, s * y, s * z
-    wx, wy, wz = w * sx, w * sy, w * sz  # all products times s
+    wx, wy, wz = w * sx, w * sy, w * sz  # these and all other products contain s
     xx, xy, xz = x * sx, x * sy, x * sz
     yy, yz, zz = y * sy, y * sz, z * sz
     return [1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy)]
@@ -66,7 +66,8 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
 
 def exp(w: ArrayLike) -> Array:
     """Unit quaternion of the exponential coordinates w; (..., 3) → (..., 4)."""
-    w, angle = within_reach(np.asarray(arguments.real(w, "quaternion.exp: w", 3), float))
+    w = np.asarray(arguments.real(w, "quaternion.exp: w", 3), float)
+    w, angle = within_reach(w)
     half = 0.5 * angle[..., None]
     return np.concatenate([np.cos(half), 0.5 * series.sinc(half) * w], axis=-1)
 
@@ -77,23 +78,29 @@ def log(quat: ArrayLike) -> Array:
     A zero quaternion raises :class:`~twistwrench.ValueRangeError`.
     """
     q = np.asarray(arguments.real(quat, "quaternion.log: quat", 4), float)
-    size = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
-    _require_nonzero(size[..., 0], "quaternion.log: quat")
-    _, exponent = np.frexp(size)
+    largest_entry = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
+    _require_nonzero(largest_entry[..., 0], "quaternion.log: quat")
+    _, exponent = np.frexp(largest_entry)
     q = np.ldexp(q, -exponent)  # squares neither overflow nor underflow
     q = np.where(q[..., :1] < 0, -q, q)  # the same rotation, by the angle up to π
     w, v = q[..., :1], q[..., 1:]
     norm = np.linalg.norm(v, axis=-1, keepdims=True)
-    is_tiny = norm < 1e-150
+    is_tiny = norm < _MIN_NORM
     angle = 2.0 * np.arctan2(norm, w)
-    limit = 2.0 / np.where(w == 0, 1.0, w)  # of angle / norm for small norms
-    return v * np.where(is_tiny, limit, angle / np.where(is_tiny, 1.0, norm))
+    limit_of_ratio = 2.0 / np.where(w == 0, 1.0, w)  # of angle / norm for small norms
+    ratio = angle / np.where(is_tiny, 1.0, norm)
+    return v * np.where(is_tiny, limit_of_ratio, ratio)
+
+
+_MIN_NORM = 1e-150
+"""Norm of the vector part below which the quotient angle / norm is replaced by its limit."""
 
 
 def _require_nonzero(size: Array, what: str) -> None:
-    """Raise ValueRangeError for zero quaternions, given their size (...); ``what`` names the argument."""
+    """Raise ValueRangeError for zero quaternions, given their sizes (...) by any measure; ``what`` names the argument."""
     if not size.all():  # NaN counts as true
-        row = tuple(int(index) for index in np.argwhere(size == 0)[0])
+        first_zero = np.argwhere(size == 0)[0]
+        row = tuple(map(int, first_zero))
         where = f" in row {row}" if row else ""
         raise ValueRangeError(f"{what} is zero{where}, which is not a rotation; the identity is (1, 0, 0, 0).")
 
@@ -108,18 +115,21 @@ def from_matrix(R: ArrayLike) -> Array:
     A matrix that is not a rotation raises :class:`~twistwrench.ValueRangeError`, whose message gives the deviation.
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
-    R = np.asarray(arguments.rotation(arguments.real(R, _MATRIX, 3, 3), _MATRIX), float)
+    real_R = arguments.real(R, _MATRIX, 3, 3)
+    R = np.asarray(arguments.rotation(real_R, _MATRIX), float)
     diagonal = np.diagonal(R, axis1=-2, axis2=-1)
     trace = diagonal.sum(-1)
     # K = 4 q q' is linear in R. Its row k is 4 q_k q; the row of the largest q_k has the least rounding error.
     K = np.empty((*R.shape[:-2], 4, 4))
     K[..., 0, 0] = 1 + trace
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j, k = (i + 1) % 3, (i + 2) % 3  # the axes after i
         K[..., i + 1, i + 1] = 1 + 2 * diagonal[..., i] - trace
         K[..., 0, i + 1] = K[..., i + 1, 0] = R[..., k, j] - R[..., j, k]
         K[..., j + 1, k + 1] = K[..., k + 1, j + 1] = R[..., j, k] + R[..., k, j]
-    best_row = np.argmax(np.diagonal(K, axis1=-2, axis2=-1), axis=-1)
-    quat = np.take_along_axis(K, best_row[..., None, None], axis=-2)[..., 0, :]
+    squares = np.diagonal(K, axis1=-2, axis2=-1)  # 4 q_k²
+    best_row = np.argmax(squares, axis=-1)
+    chosen_rows = np.take_along_axis(K, best_row[..., None, None], axis=-2)
+    quat = chosen_rows[..., 0, :]
     quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
     return np.where(quat[..., :1] < 0, -quat, quat)

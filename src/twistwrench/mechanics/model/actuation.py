@@ -23,7 +23,7 @@ from .model import BASE, Body, Model, Spring
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
-    """Model with its joints driven by these actuators, which replace motors without a rotor, such as those of robot files.
+    """Model with joints driven by these actuators. They replace motors without a rotor, such as those of robot files.
 
     Raises :class:`~twistwrench.UnknownNameError` for unknown joints and links, :class:`~twistwrench.ModelError` if a
     joint cannot be driven this way or has an actuator, and :class:`~twistwrench.InertiaError` if a link cannot contain
@@ -31,12 +31,12 @@ def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
     """
     new_actuators = list(actuators)
     new_joints = {actuator.joint for actuator in new_actuators}
-    remaining = {
+    remaining_actuators = {
         name: actuator
         for name, actuator in model.actuators.items()
         if actuator.rotor is not None or actuator.joint not in new_joints
     }
-    model = replace(model, actuators=remaining)
+    model = replace(model, actuators=remaining_actuators)
     for actuator in new_actuators:
         model = _with_actuator(model, actuator)
     return model
@@ -53,16 +53,16 @@ def with_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Mode
 def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Model:
     """Model with additional friction behind the gears; for elastic joints it acts on the joint's own coordinate.
 
-    A rigid gear turns with its joint, so there the friction is added to that of the gear. Raises ModelError if the sum
-    of two laws is not a law, for example with two Stribeck speeds.
+    A rigid gear turns with its joint, so the friction is added to the friction of the gear. Raises ModelError if the sum of
+    two laws is not a law, for example with two Stribeck speeds.
     """
     friction = model.friction
     for joint, law in laws.items():
         k = model.drive_index(joint)
         link_law = _full_law(joint, law)
         gear_law = {name: float(getattr(friction, name)[k]) for name in LAWS}
-        # only a law with static friction above Coulomb friction has a Stribeck speed that matters
-        stribeck_speeds = [x["stribeck"] for x in (gear_law, link_law) if x["static"] > x["coulomb"]]
+        # the Stribeck speed has an effect only in a law with static friction above Coulomb friction
+        stribeck_speeds = [law["stribeck"] for law in (gear_law, link_law) if law["static"] > law["coulomb"]]
         if len(set(stribeck_speeds)) > 1:
             raise ModelError(
                 f"the friction and the link_friction of joint {joint!r}, on one coordinate as its gear is rigid, have two "
@@ -79,7 +79,7 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
 
 
 def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
-    """All parameters of a friction law, validated."""
+    """All parameters of a friction law, validated; omitted ones have their defaults."""
     for name in law:
         if name not in LAWS:
             raise UnknownNameError.from_choices("friction law", name, LAWS)
@@ -95,7 +95,8 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
             raise ValueRangeError(
                 f"{name} friction of joint {joint!r} is {printed(value)}; it must be at least 0 and at most {printed(LARGEST)}."
             )
-    if full_law["static"] < coulomb or full_law["stribeck"] == 0 or full_law["load"] >= 1:
+    is_law = full_law["static"] >= coulomb and full_law["stribeck"] > 0 and full_law["load"] < 1
+    if not is_law:
         raise ValueRangeError(
             f"the friction of joint {joint!r} cannot be meant: static {printed(full_law['static'])} must be at least coulomb "
             f"{printed(coulomb)}, the Stribeck speed {printed(full_law['stribeck'])} above 0, and load "
@@ -107,18 +108,19 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
 def _with_actuator(model: Model, actuator: Actuator) -> Model:
     """Model with one more actuator: its rotor becomes a body, and its elastic gear a spring."""
     k = model.drive_index(actuator.joint)
-    driven = next(body for body in model.leaders if body.v_index == k)
+    driven_body = next(body for body in model.leaders if body.v_index == k)
     driven_joints = {other.joint for other in model.actuators.values()}
     if actuator.joint in model.actuators or actuator.joint in driven_joints:
         raise ModelError(f"joint {actuator.joint!r} has an actuator already. Describe it once.")
     check_actuator(actuator)
-    if actuator.joint in model.drive_names and actuator.joint != driven.joint.name:
+    if actuator.joint in model.drive_names and actuator.joint != driven_body.joint.name:
         return _with_coupled_motor(model, actuator, k)
     is_elastic = np.isfinite(actuator.stiffness)
     name = f"{actuator.joint}.motor" if is_elastic else actuator.joint
-    if actuator.rotor is not None and model.armature[driven.v_index]:
+    armature = model.armature[k]
+    if actuator.rotor is not None and armature:
         raise ModelError(
-            f"joint {actuator.joint!r} has an armature of {printed(model.armature[driven.v_index])}, and its actuator a "
+            f"joint {actuator.joint!r} has an armature of {printed(armature)}, and its actuator a "
             f"rotor: the inertia of the drive would count twice. Keep one: robot.with_armature({{{actuator.joint!r}: 0}}), "
             "or leave out the rotor."
         )
@@ -128,11 +130,11 @@ def _with_actuator(model: Model, actuator: Actuator) -> Model:
                 f"the actuator of joint {name!r} is elastic, so its rotor moves by itself and needs an inertia."
             )
         return replace(model, actuators={**model.actuators, name: actuator})
-    model, rotor = _with_rotor_mounted(model, driven, actuator, actuator.rotor)
+    model, rotor_body = _with_rotor_mounted(model, driven_body, actuator, actuator.rotor)
     if is_elastic:
-        motor_joint = replace(rotor.joint, name=name)
-        model, rotor = _with_motor_coordinate(model, driven, actuator, replace(rotor, joint=motor_joint))
-    return replace(model, bodies=(*model.bodies, rotor), actuators={**model.actuators, name: actuator})
+        motor_joint = replace(rotor_body.joint, name=name)
+        model, rotor_body = _with_motor_coordinate(model, driven_body, actuator, replace(rotor_body, joint=motor_joint))
+    return replace(model, bodies=(*model.bodies, rotor_body), actuators={**model.actuators, name: actuator})
 
 
 _NOTE_ON_COUPLES = (
@@ -144,18 +146,20 @@ def _with_coupled_motor(model: Model, actuator: Actuator, k: int) -> Model:
     """Model with the actuator of coupled motor ``k``; its rotor becomes an armature, since it turns with several joints."""
     armature = model.armature.copy()
     rotor = actuator.rotor
-    who = f"motor {actuator.joint!r}, which moves several joints,"
+    motor_text = f"motor {actuator.joint!r}, which moves several joints,"
     if np.isfinite(actuator.stiffness):
-        raise ModelError(f"{who} is elastic, and couplings are rigid. Leave out its stiffness.")
+        raise ModelError(f"{motor_text} is elastic, and couplings are rigid. Leave out its stiffness.")
     if rotor is not None:
         if rotor.extra or rotor.link is not None or rotor.axis is not None or rotor.place.any():
             raise ModelError(
-                f"{who} has a rotor with a place, axis, link or mass. It counts by its inertia about its axis alone: leave "
-                "out the rest."
+                f"{motor_text} has a rotor with a place, axis, link or mass. It counts by its inertia about its axis alone: "
+                "leave out the rest."
             )
         reflected_inertia = actuator.ratio**2 * rotor.inertia
         if armature[k] not in (0.0, reflected_inertia):
-            raise ModelError(f"{who} has a rotor and an armature: its inertia would count twice. Keep one of them.")
+            raise ModelError(
+                f"{motor_text} has a rotor and an armature: its inertia would count twice. Keep one of them."
+            )
         armature[k] = reflected_inertia
         if _NOTE_ON_COUPLES not in model.defects:
             model = replace(model, defects=(*model.defects, _NOTE_ON_COUPLES))
@@ -163,11 +167,11 @@ def _with_coupled_motor(model: Model, actuator: Actuator, k: int) -> Model:
 
 
 def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:
-    """Model without the rotor's inertia in the carrying link, if the link includes it; and the rotor as a body."""
+    """Model in which the carrying link does not include the rotor's inertia any more; and the rotor as a body."""
     carrier, reference, axis = _rotor_mount(model, driven, rotor)
     placement = reference @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
-    # A thin ring: moment J about the axis, J/2 about transverse axes. The link loses all of it and carries the rotor with all
-    # of it, so that the transverse moments have no effect.
+    # A thin ring: moment J about the axis, J/2 about transverse axes. The link loses the whole ring and carries it as a rotor,
+    # so the transverse moments have no effect.
     axial = rotor.inertia * np.outer(axis, axis)
     transverse = 0.5 * (rotor.inertia * np.eye(3) - axial)
     G = SpatialInertia.from_com(rotor.mass, np.zeros(3), axial + transverse)
@@ -178,7 +182,8 @@ def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: R
         link_alone = replace(link, inertia=link.inertia - G.in_frame(placement))
         bodies = (*model.bodies[:carrier], link_alone, *model.bodies[carrier + 1 :])
         model = replace(model, bodies=bodies)
-    rotor_joint = RotorJoint(f"{actuator.joint}.rotor", np.concatenate([axis, np.zeros(3)])[None, :])
+    screw_axis = np.concatenate([axis, np.zeros(3)])
+    rotor_joint = RotorJoint(f"{actuator.joint}.rotor", screw_axis[None, :])
     rotor_body = Body(
         rotor_joint, rotor_joint.name, carrier, placement, G,
         driven.q_index, driven.v_index, ratio=actuator.ratio, follows=True,
@@ -189,11 +194,11 @@ def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: R
 def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: float) -> None:
     """Raise an error if a link has less inertia than its rotors about their axes: M would not be positive definite.
 
-    ``axis`` (in the link's frame) and J belong to the new rotor. The inertia of rotors that were subtracted from the link
-    earlier is added back. Moments of rotors about other axes are unknown and have no effect.
+    ``axis`` (in the link's frame) and J belong to the new rotor. Rotors whose inertia was subtracted from the link earlier are
+    added back. Moments of rotors about other axes are unknown and have no effect.
     """
     body = model.bodies[carrier]
-    whole_inertia = body.inertia
+    whole_inertia = body.inertia  # of the link with its rotors
     axial_moments = J * np.outer(axis, axis)  # of all rotors, as a tensor in the link's frame
     for rotor in model.bodies:
         if not rotor.joint.moves_body and rotor.parent == carrier and is_in_link_mass(model, rotor):
@@ -203,7 +208,8 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
             rotor_moment = rotor_axis @ rotor.inertia.moment_about_origin @ rotor_axis
             axial_moments = axial_moments + rotor_moment * np.outer(axis_in_link, axis_in_link)
     I = whole_inertia.moment_about_com
-    if np.linalg.eigvalsh(I - axial_moments).min() < -1e-9 * np.abs(I).max():
+    least_remaining_moment = np.linalg.eigvalsh(I - axial_moments).min()
+    if least_remaining_moment < -_MAX_ROUNDING * np.abs(I).max():
         raise InertiaError(
             f"link {body.link!r} cannot contain the rotor of joint {joint!r}, {printed(J)} kg m² about its axis: all of "
             f"the link has {printed(axis @ I @ axis, 3)} kg m² about that direction. Check the unit; if the link was weighed "
@@ -211,15 +217,19 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
         )
 
 
+_MAX_ROUNDING = 1e-9
+"""Rounding error of moments, relative to the largest."""
+
+
 def is_in_link_mass(model: Model, rotor: Body) -> bool:
-    """True if the carrying link's mass includes the rotor."""
+    """True if the mass of the carrying link in the file includes the rotor."""
     name = rotor.joint.name
     actuator = model.actuators.get(name) or model.actuators[name.removesuffix(".rotor")]
     return actuator.rotor is not None and not actuator.rotor.extra
 
 
 def _rotor_mount(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Array]:
-    """Body that carries the rotor, reference frame of its position, and its axis in that frame."""
+    """Index of the body that carries the rotor, reference frame (4, 4) of its position, and its axis (3,) in that frame."""
     if rotor.link is None:
         return driven.parent, driven.placement, _axis(driven.joint, rotor)
     frame = model.frame(rotor.link)
@@ -236,7 +246,7 @@ def _rotor_mount(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, 
 
 
 def _axis(joint: Joint, rotor: Rotor) -> Array:
-    """Unit vector along the rotor's axis as given, or else along the joint's axis."""
+    """Unit vector along the rotor's own axis; if it has none, along the joint's axis."""
     omega, v = joint.axes[0, :3], joint.axes[0, 3:]
     joint_axis = omega if omega.any() else v
     axis = np.asarray(joint_axis if rotor.axis is None else rotor.axis, float)
@@ -249,7 +259,7 @@ def _axis(joint: Joint, rotor: Rotor) -> Array:
 
 
 def _with_motor_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body) -> tuple[Model, Body]:
-    """Model with the motor's angle, referred to the joint, as one more coordinate at the end, and with the gear's spring.
+    """Model with one more coordinate at the end, the motor's angle referred to the joint, and with the gear's spring.
 
     The second result is the rotor, which moves by the new coordinate. The motor takes over the limits of speed and effort, and
     the friction of motor and gear. Only the spring drives the joint.
@@ -257,14 +267,15 @@ def _with_motor_coordinate(model: Model, driven: Body, actuator: Actuator, rotor
     k, inf = driven.v_index, np.inf
     old = model.limits
     remaining_effort = np.where(np.arange(model.nv) == k, inf, old.effort)
-    other_limits = [np.append(getattr(old, field.name), inf) for field in fields(Limits)[4:]]
-    limits = Limits(
-        np.append(old.lower, -inf),
-        np.append(old.upper, inf),
-        np.append(old.velocity, old.velocity[k]),
-        np.append(remaining_effort, old.effort[k]),
-        *other_limits,
-    )
+    arrays = {
+        field.name: np.append(getattr(old, field.name), inf) for field in fields(Limits)
+    }  # the motor has no limits
+    arrays |= {
+        "lower": np.append(old.lower, -inf),
+        "velocity": np.append(old.velocity, old.velocity[k]),
+        "effort": np.append(remaining_effort, old.effort[k]),
+    }
+    limits = Limits(**arrays)
     spring = Spring(((actuator.joint, 1.0), (rotor.joint.name, -1.0)), actuator.stiffness)
     rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
     friction = model.friction.extended().moved(k, model.nv)

@@ -44,8 +44,8 @@ from .tree import Tree, find_tree
 class ModelBuilder:
     """Model builder: collects links and joints, in any order, and builds a model from them.
 
-    The result is a :class:`~twistwrench.mechanics.model.model.Model`. ``where`` is the location of a link's or joint's
-    description ("line 12") for messages.
+    The result is a :class:`~twistwrench.mechanics.model.model.Model`. In all methods, ``where`` is the place of a description
+    in its file ("line 12"), for messages.
 
     Parameters
     ----------
@@ -76,9 +76,8 @@ class ModelBuilder:
         self._joints: dict[str, JointEntry] = {}
         self._remarks: list[str] = []
         self._additions = Additions()
-        self._actuators: dict[
-            str, tuple[Actuator, Mapping[str, float]]
-        ] = {}  # by joint, with the friction of the drive
+        self._actuators: dict[str, tuple[Actuator, Mapping[str, float]]] = {}
+        """Actuator of each joint, with the friction of the drive."""
         self.gravity: ArrayLike = GRAVITY
         """Gravity of the file, (3,) m/s² in the base frame."""
 
@@ -93,7 +92,7 @@ class ModelBuilder:
         return tuple(self._additions.sites)
 
     def remark(self, *texts: str) -> None:
-        """Add a remark on a doubtful entry: a :class:`~twistwrench.ModelWarning` on building, kept in the defects.
+        """Add a remark on a doubtful entry: a :class:`~twistwrench.ModelWarning` on building, and one of the model's defects.
 
         Parameters
         ----------
@@ -201,15 +200,23 @@ class ModelBuilder:
             raise ModelError(f"{who} has the unknown type {kind!r}. Allowed: {', '.join(TYPES)}.")
         joint_type = TYPES[kind]
         joint = joint_type(name, joint_type.axes_from(axis, pitch, normalise_axes, who))
-        largest = {
+        magnitude_limits = {
             "velocity": velocity, "effort": effort,
             "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk,
         }  # fmt: skip
-        limits, remarks = limits_of(joint, lower, upper, largest, who)
+        limits, remarks = limits_of(joint, lower, upper, magnitude_limits, who)
         self._joints[name] = JointEntry(
-            joint, parent, child, placement_of(placement, who), limits, number(damping, f"the damping of {who}"),
-            number(friction, f"the friction of {who}"), mimic_of(mimic, who), where, armature_of(armature, who),
-        )  # fmt: skip
+            joint,
+            parent,
+            child,
+            placement_of(placement, who),
+            limits,
+            number(damping, f"the damping of {who}"),
+            number(friction, f"the friction of {who}"),
+            mimic_of(mimic, who),
+            where,
+            armature_of(armature, who),
+        )
         self._remarks.extend(remarks)
         for quantity, value in (("damping", damping), ("friction", friction)):
             if value < 0:
@@ -252,7 +259,7 @@ class ModelBuilder:
         ----------
         terms : {joint: weight}
         stiffness : float [N m/rad or N/m]
-        rest : float, sum of the unloaded spring [rad or m]
+        rest : float, value of the sum at which the spring is unloaded [rad or m]
 
         Examples
         --------
@@ -270,7 +277,8 @@ class ModelBuilder:
                 raise ModelError(
                     f"a spring{where_text} acts on {name!r}, which is not a joint of one degree of freedom."
                 )
-        values = numbers([stiffness, rest, *terms.values()], (2 + len(terms),), f"the numbers of a spring ({where})")
+        given_values = [stiffness, rest, *terms.values()]
+        values = numbers(given_values, (len(given_values),), f"the numbers of a spring ({where})")
         checked_stiffness, checked_rest, *weights = values.tolist()
         checked_terms = tuple(zip(terms, weights, strict=True))
         self._additions.springs.append(Spring(checked_terms, checked_stiffness, checked_rest))
@@ -303,7 +311,7 @@ class ModelBuilder:
         Parameters
         ----------
         name : str
-        positions : {joint: its coordinates} [rad, m]; omitted joints are neutral
+        positions : {joint: coordinates} [rad, m]; omitted joints are neutral
         """
         self._additions.configurations[name] = dict(positions)
 
@@ -337,7 +345,7 @@ class ModelBuilder:
         self._additions.motor_joints |= set(joints)
 
     def mount(self) -> None:
-        """State that something holds the fixed root, so that a robot with legs hangs or is bolted to the world.
+        """State that the description fixes the root, so that a robot with legs hangs or is bolted to the world.
 
         Examples
         --------
@@ -367,7 +375,7 @@ class ModelBuilder:
         ----------
         floating_base : bool, let the root link float
         mimic : "follow" or "independent"
-        snap : float, entries of fixed rotations within this distance of 0 or ±1 are set to it
+        snap : float, entries of fixed rotations within this distance of 0 or ±1 are set to 0 or ±1
         gravity : (3,) array_like, optional, in the base frame [m/s²]; None: from the description
         quiet : bool, issue no warnings; remarks are still stored in ``model.defects``
 
@@ -402,9 +410,9 @@ class ModelBuilder:
         # Only links of files are named: a purely kinematic table has no masses by intention.
         massless = [str(self._links[link]) for link in massless_links(model) if self._links[link].where]
         if massless:
-            verb, pronoun = ("has", "its") if len(massless) == 1 else ("have", "their")
+            have_no_mass = "has no mass: its" if len(massless) == 1 else "have no mass: their"
             inertia_remarks.append(
-                f"{listed(massless)} {verb} no mass: {pronoun} weight and inertia are missing from every torque"
+                f"{listed(massless)} {have_no_mass} weight and inertia are missing from every torque"
             )
         model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *inertia_remarks))
         if not quiet:
@@ -413,13 +421,14 @@ class ModelBuilder:
 
     def _with_actuators(self, model: Model) -> Model:
         """Model with the described actuators of the joints that are not locked, and with the friction of their drives."""
-        described = {name: self._actuators[name] for name in model.joint_names if name in self._actuators}
-        actuators = [actuator for actuator, _ in described.values() if actuator.motor is not None]
-        friction_laws = {name: law for name, (_, law) in described.items() if law}
-        return with_link_friction(with_actuators(model, actuators), friction_laws)
+        descriptions = {name: self._actuators[name] for name in model.joint_names if name in self._actuators}
+        actuators = [actuator for actuator, _ in descriptions.values() if actuator.motor is not None]
+        friction_laws = {name: law for name, (_, law) in descriptions.items() if law}
+        driven_model = with_actuators(model, actuators)
+        return with_link_friction(driven_model, friction_laws)
 
     def _floating_remarks(self, tree: Tree, floating_base: bool) -> list[str]:
-        """Remarks on a root link that floats twice; raises ModelError if a joint has the name of the added joint."""
+        """Remarks on a root link that would float twice; raises ModelError if a joint has the name of the added joint."""
         if not floating_base:
             return []
         if ROOT_JOINT in self._joints:
@@ -446,6 +455,7 @@ def _check_new(kind: str, name: str, where: str, namesake: LinkEntry | JointEntr
 
 
 def _check_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
+    """Raise ValueRangeError unless the value of an option is one of the choices."""
     if value not in choices:
         raise ValueRangeError(
             f"{argument(option, value)} is not allowed. Choose from: {', '.join(map(repr, choices))}."

@@ -16,47 +16,53 @@ from .description import ModelNote
 from .model import BASE, Body, Model
 
 _MAX_LISTED_BODIES = 3
-"""Number of impossible bodies that an error describes; many often have the same cause."""
+"""Number of impossible bodies that an error describes; the others often have the same cause."""
 INERTIA_POLICIES = ("error", "accept", "repair")
-"""Policies for a moving body with a physically impossible inertia: error, keep it, or use the nearest consistent inertia."""
+"""Policies for a moving body with a physically impossible inertia: raise an error, keep it, use the nearest consistent one."""
+_MAX_ROUNDING = 1e-9
+"""Rounding error of moments, relative to the largest, and of lengths [m]."""
+_MAX_STEINER_ROUNDING = 1e-14
+"""Rounding error that the parallel-axis theorem leaves of zero moments, relative to the moments about the origin."""
 
 
 _PLANAR = (
     " A thin rod has the same moment about both axes across it: diag([0, I, I]) if it lies along x. In a planar problem the "
     "second one has no effect on the result."
 )
-"""Addition to the error on a body with a moment about one axis only."""
+"""Sentences that the error on a body with a moment about one axis only ends with."""
 
 
 def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
-    """Violated conditions of physical consistency, as text with amounts; without mass, only the rotational inertia is checked.
+    """Violated conditions of physical consistency, as text with amounts; empty for a consistent inertia.
 
-    Files give moments without mass to rotors whose mass is counted elsewhere; these cause a warning, never an error. ``size``
-    [kg m²] is the size of the summed moments, which determines rounding errors.
+    Without mass, only the rotational inertia is checked: files give moments without mass to rotors whose mass is counted
+    elsewhere. ``size`` [kg m²] is the size of the summed moments, which determines rounding errors.
     """
     moments = inertia.parameters[4:]
     if inertia.mass == 0 and moments.any():
-        return SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).defects()
+        with_mass = SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin)
+        return with_mass.defects()
     return inertia.defects(size=size)
 
 
 def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model, list[str]]:
-    """Check each moving body with its fixed links, and note doubtful single links; ``link`` returns a link's name in messages.
+    """Check each moving body with its fixed links, and note doubtful single links; returns the model, repaired, and the notes.
 
-    Raises :class:`~twistwrench.InertiaError` under the policy ``error``, listing every inconsistent body.
+    ``link`` returns a link's name in messages. Raises :class:`~twistwrench.InertiaError` under the policy ``error``, with the
+    inconsistent bodies.
     """
     remarks: list[str] = []
     errors: list[str] = []
     has_planar_body = False
     bodies = list(model.bodies)
-    impossible: set[int] = set()
-    doubtful = np.flatnonzero(~_consistent_mask([body.inertia for body in bodies])).tolist()
-    for i in doubtful:
+    impossible_bodies: set[int] = set()
+    is_consistent = _consistent_mask([body.inertia for body in bodies])
+    for i in np.flatnonzero(~is_consistent).tolist():
         inertia = bodies[i].inertia
         violations = reasons(inertia, moved_moments(model, i))
         if not violations:
             continue
-        impossible.add(i)
+        impossible_bodies.add(i)
         text = f"{_body_label(model, i, link)} cannot exist: {'; '.join(violations)}"
         if policy == "error":
             errors.append(text)
@@ -68,8 +74,8 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
             remarks.append(f"{text}; repaired, {change}")
     if errors:
         raise InertiaError(_error_message(errors, has_planar_body))
-    remarks.extend(_link_remarks(model, impossible, link))
-    if impossible:
+    remarks.extend(_link_remarks(model, impossible_bodies, link))
+    if impossible_bodies:
         model = replace(model, bodies=tuple(bodies))
     return model, remarks
 
@@ -80,7 +86,7 @@ def _has_one_moment(inertia: SpatialInertia) -> bool:
         return False
     moments, _ = inertia.principal()
     A, B, C = moments  # ascending
-    return bool(max(abs(A), abs(B)) < 1e-9 * C)
+    return bool(max(abs(A), abs(B)) < _MAX_ROUNDING * C)
 
 
 def _error_message(errors: Sequence[str], has_planar_body: bool) -> str:
@@ -98,7 +104,7 @@ def _error_message(errors: Sequence[str], has_planar_body: bool) -> str:
 
 
 def _consistent_mask(inertias: Sequence[SpatialInertia]) -> Array:
-    """Mask (n,) of inertias that are consistent without a tolerance; a vectorised check that settles most bodies."""
+    """Mask (n,) of inertias that are consistent without a tolerance: a fast check, after which few bodies are left."""
     parameters = np.array([G.parameters for G in inertias]).reshape(-1, 10)
     with np.errstate(all="ignore"):
         m, h = parameters[:, 0], parameters[:, 1:4]
@@ -107,22 +113,24 @@ def _consistent_mask(inertias: Sequence[SpatialInertia]) -> Array:
         # Steiner's theorem: I_com = I_origin - h·c 1 + h c'
         I_com = I_origin - (h * c).sum(axis=1)[:, None, None] * np.eye(3) + h[:, :, None] * c[:, None, :]
         is_known = np.isfinite(I_com).all(axis=(1, 2)) & (m > 0)
-        low, middle, high = np.linalg.eigvalsh(np.where(is_known[:, None, None], I_com, 0.0)).T
+        known_I_com = np.where(is_known[:, None, None], I_com, 0.0)
+        low, middle, high = np.linalg.eigvalsh(known_I_com).T  # principal moments
     return np.asarray(is_known & (low > 0) & (low + middle >= high))
 
 
 def moved_moments(model: Model, index: int) -> float:
-    """Size [kg m²] of the moments in the sum over a body's links, each moved to the body's frame; it sets rounding errors."""
+    """Sum [kg m²] of the sizes of the moments of a body's links, each moved to the body's frame; it sets rounding errors."""
     total = 0.0
     for name, frame in model.frames.items():
         if frame.body == index:
             G, p = model.link_inertias[name], frame.pose[:3, 3]
-            total += abs(float(G.moment_about_origin.trace())) + float(G.mass * p @ p)
+            size = abs(float(G.moment_about_origin.trace()))
+            total += size + float(G.mass * p @ p)
     return total
 
 
 def _body_label(model: Model, index: int, link: Callable[[str], str]) -> str:
-    """Name of the body by its links: the inconsistent ones, if any, else all with a mass."""
+    """Name of the body by its links: by inconsistent links if there are any, otherwise by all links with an inertia."""
     links_of_body = [name for name, frame in model.frames.items() if frame.body == index]
     members = [name for name in links_of_body if model.link_inertias[name].parameters.any()]
     inconsistent = [name for name in members if reasons(model.link_inertias[name])]
@@ -135,16 +143,17 @@ def _repair(body: Body) -> tuple[Body, str]:
     """Body with the nearest consistent inertia, and the change as text."""
     inertia = body.inertia
     if inertia.mass == 0:  # without mass there is no centre of mass, so a mass is assumed and removed again
-        with_mass = SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).nearest_consistent()
-        nearest = SpatialInertia.from_com(0.0, np.zeros(3), with_mass.moment_about_com)
+        with_mass = SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin)
+        consistent = with_mass.nearest_consistent()
+        nearest = SpatialInertia.from_com(0.0, np.zeros(3), consistent.moment_about_com)
     else:
         nearest = inertia.nearest_consistent()
     change = np.abs(nearest.parameters - inertia.parameters).max()
     return replace(body, inertia=nearest), f"changing its moments by {printed(change, 3)} kg m² at most"
 
 
-def _link_remarks(model: Model, impossible: set[int], link: Callable[[str], str]) -> list[str]:
-    """Notes on links that are inconsistent by themselves without effect on their body."""
+def _link_remarks(model: Model, impossible_bodies: set[int], link: Callable[[str], str]) -> list[str]:
+    """Notes on links that are inconsistent by themselves, if their body is not among the impossible ones."""
     remarks: list[str] = []
     consistent_mask = _consistent_mask(list(model.link_inertias.values()))
     for (name, inertia), is_consistent in zip(model.link_inertias.items(), consistent_mask.tolist(), strict=True):
@@ -155,11 +164,12 @@ def _link_remarks(model: Model, impossible: set[int], link: Callable[[str], str]
         if is_consistent:
             continue
         # The parallel-axis theorem turns zeros into rounding errors of the moments about the origin.
-        if inertia.mass and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
+        max_zero = _MAX_STEINER_ROUNDING * np.abs(moments).max()
+        if inertia.mass and np.abs(inertia.moment_about_com).max() <= max_zero:
             remarks.append(ModelNote(link(name), "has mass but zero inertia, as a point mass has"))
         violations = reasons(inertia)
-        if violations and body not in impossible:
-            effect = "is fused into a physically consistent body" if body >= 0 else "does not move"
+        if violations and body not in impossible_bodies:
+            effect = "does not move" if body == BASE else "is fused into a physically consistent body"
             remarks.append(ModelNote(link(name), f"cannot exist by itself ({'; '.join(violations)}) but {effect}"))
     return remarks
 
@@ -170,11 +180,11 @@ def _link_remarks(model: Model, impossible: set[int], link: Callable[[str], str]
 def massless_links(model: Model) -> tuple[str, ...]:
     """Moving links that lack a mass they should have, in document order.
 
-    A moving body with all its fixed links, but without mass and moments, is named
+    A moving body, with all its fixed links, that has neither mass nor moments lacks a mass in three cases:
 
-    * if nothing that it carries has a mass either: its joint then moves no inertia;
-    * if it has a shape in the file (``model.shaped``): a visible body has a mass;
-    * if no link of the file has a shape, and the next joint is at a distance: a physical link is between them.
+    * Nothing that it carries has a mass either: its joint then moves no inertia.
+    * It has a shape in the file (``model.shaped``): a visible body has a mass.
+    * No link of the file has a shape, and the next joint is at a distance: a physical link is between them.
 
     Other massless bodies combine several joints to one, for example three joints to a ball joint or to a planar base; they are
     accepted. Bodies with moments but no mass are accepted, too, such as rotors whose mass is counted with their housing. A
@@ -183,13 +193,14 @@ def massless_links(model: Model) -> tuple[str, ...]:
     n = len(model.bodies)
     has_inertia = [bool(body.inertia.parameters.any()) for body in model.bodies]
     carries_inertia = list(has_inertia)
-    has_distant_joint, has_shape = [False] * n, [False] * n
+    has_distant_joint = [False] * n
+    has_shape = [False] * n
     for i in reversed(range(n)):  # children before parents
         body = model.bodies[i]
         if body.parent != BASE:
             distance = max(map(abs, body.placement[:3, 3].tolist()))
             carries_inertia[body.parent] |= carries_inertia[i]
-            has_distant_joint[body.parent] |= distance > 1e-9  # above rounding errors
+            has_distant_joint[body.parent] |= distance > _MAX_ROUNDING
     for link, frame in model.frames.items():
         if link in model.shaped and frame.body != BASE:
             has_shape[frame.body] = True

@@ -29,11 +29,11 @@ class Spring:
     """Spring with the energy ``½ stiffness (Σ weight · coordinate - rest)²`` between joints of one degree of freedom."""
 
     terms: tuple[tuple[str, float], ...]
-    """(joint, weight) pairs."""
+    """Name of each joint with its weight."""
     stiffness: float
     """Stiffness [N m/rad or N/m]."""
     rest: float = 0.0
-    """Unloaded length [rad or m]."""
+    """Length at which the spring is unloaded [rad or m]."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -41,7 +41,7 @@ class Spring:
         return tuple(joint for joint, _ in self.terms)
 
     def with_fixed(self, positions: dict[str, float]) -> Spring:
-        """Spring with some joints locked; their part of the extension is constant."""
+        """Spring with some joints locked at ``positions``, by which their part of the extension is constant."""
         remaining_terms: list[tuple[str, float]] = []
         constant_extension = 0.0
         for joint, weight in self.terms:
@@ -65,19 +65,19 @@ class OfferedClosure:
 
 
 _MAX_LISTED_TIPS = 12
-"""Number of frames that a message lists as possible tips; further ones are counted."""
+"""Number of frames that a message lists as possible tips; the others are counted."""
 BASE = -1
 """Index of the fixed base."""
 _MAPPINGS = ("actuators", "configurations", "closures", "mounts", "locked")
-"""Fields that are mappings, made read-only."""
+"""Fields of a model that are stored as read-only mappings, since a model is frozen."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One moving body (fixed links fused) and the joint that carries it.
+    """One moving body, with the links fixed to it, and the joint that carries it.
 
-    At joint coordinates ``ratio * q[q_index] + offset`` (ratio 1 and offset 0 except for mimic joints), the body's
-    frame has the pose ``placement @ joint.pose(·)`` in its parent's frame.
+    At joint coordinates x = ``ratio * q[q_index] + offset``, the body's frame has the pose ``placement @ joint.pose(x)`` in its
+    parent's frame. The ratio is 1 and the offset 0 except for mimic joints.
     """
 
     joint: Joint
@@ -95,7 +95,7 @@ class Body:
     v_index: int
     """Index of the joint's first velocity in dq."""
     ratio: float = 1.0
-    """Ratio of a mimic joint: its coordinate divided by its leader's."""
+    """Ratio of a mimic joint: change of its coordinate for a unit of its leader's coordinate."""
     offset: float = 0.0
     """Coordinate of a mimic joint at zero of its leader [rad or m]."""
     follows: bool = False
@@ -152,7 +152,7 @@ class Model:
     bodies: tuple[Body, ...]
     """Moving bodies, parents first."""
     frames: dict[str, Frame]
-    """Frames of all links by name, fixed ones included, in document order."""
+    """Frames of all links by name, also of fixed links, in document order."""
     limits: Limits
     """Limits of the joints."""
     friction: Friction
@@ -176,29 +176,30 @@ class Model:
     actuators: Mapping[str, Actuator] = field(default_factory=dict)
     """Actuators by joint; their rotors are among the bodies, their elasticity among the springs."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
-    """(frame, inertia about it) of attached payloads; included in the bodies and links that carry them."""
+    """Frame of each attached payload, with its inertia about this frame; bodies and links that carry payloads include them."""
     shaped: frozenset[str] = frozenset()
     """Links with a visual or collision shape."""
     snap: float = 0.0
-    """Distance from 0 or ±1 within which entries of fixed rotations were set to 0 or ±1; edits use the same value."""
+    """Distance from 0 or ±1 within which entries of fixed rotations were set to 0 or ±1; edits use this distance, too."""
     armature: Array = field(default_factory=lambda: np.zeros(0))
-    """Reflected inertia of the drives, added to the diagonal of M; (nv,) kg m² or kg. It has neither weight nor momentum. A
+    """Reflected inertia (nv,) of the drives, added to the diagonal of M [kg m² or kg]. It has neither weight nor momentum. A
     rotor with known position and axis is a body instead."""
     sites: dict[str, Frame] = field(default_factory=dict)
     """Named frames of the file that are not links, in document order; their names differ from link names."""
     configurations: Mapping[str, Array] = field(default_factory=dict)
-    """Named configurations of the file, such as ``home``; (nq,) each."""
+    """Named configurations (nq,) of the file, such as ``home``."""
     couplings: tuple[Coupling, ...] = ()
-    """Motors that move several joints together. Armature, friction and effort at their joints' indices are the motors'."""
+    """Motors that move several joints together. At the indices of these joints, armature, friction and effort are those of the
+    motors."""
     closures: Mapping[str, OfferedClosure] = field(default_factory=dict)
     """Loops that the file describes; the tree leaves them open."""
     motor_joints: frozenset[str] = frozenset()
     """Joints that the file's actuators drive, directly or by a tendon; empty if the file describes no actuators."""
     mounted: bool = False
-    """True if something is stated to hold the fixed root: ``floating_base=False``, or a joint of the file to the world."""
+    """True if the file or the caller fixes the root: a joint of the file to the world, or ``floating_base=False``."""
     mounts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Parent link and joint of each link except the root, as described, including fixed joints. The parent of a floating
-    base is the link ``""``."""
+    """Parent link and joint of each link except the root, also for fixed joints. The parent of a floating base is the link
+    ``""``."""
     locked: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Joints that were locked, each with the joints that mimicked it; joints that the file fixes are not among them."""
 
@@ -206,7 +207,8 @@ class Model:
         if not self.armature.size:
             object.__setattr__(self, "armature", np.zeros(self.nv))
         for name in _MAPPINGS:
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+            own_copy = dict(getattr(self, name))
+            object.__setattr__(self, name, MappingProxyType(own_copy))
         limits = [getattr(self.limits, kind.name) for kind in fields(Limits)]
         arrays = [self.gravity, self.armature, *limits, *self.configurations.values()]
         arrays += [frame.pose for frame in self.all_frames.values()]
@@ -219,7 +221,7 @@ class Model:
     def __getstate__(self) -> dict[str, Any]:
         state = {f.name: getattr(self, f.name) for f in fields(self)}  # without cached properties
         for name in _MAPPINGS:
-            state[name] = dict(state[name])
+            state[name] = dict(state[name])  # read-only mappings cannot be pickled
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -237,7 +239,7 @@ class Model:
         return sum(body.joint.nv for body in self.leaders)
 
     def positions(self, q: Any) -> Array:
-        """Coordinate of each velocity; zero for planar, ball and floating joints, which have none.
+        """Coordinate of each velocity; zero for planar, ball and floating joints, whose velocities have no coordinate.
 
         Parameters
         ----------
@@ -262,7 +264,7 @@ class Model:
 
     @cached_property
     def leaders(self) -> tuple[Body, ...]:
-        """Bodies whose joints have coordinates of their own, in the order of q: all except followers of mimic joints."""
+        """Bodies whose joints have coordinates of their own, in the order of q: all except bodies of mimic joints."""
         leaders = [body for body in self.bodies if not body.follows]
         return tuple(sorted(leaders, key=lambda body: body.v_index))
 
@@ -278,7 +280,7 @@ class Model:
 
     @cached_property
     def limited_followers(self) -> tuple[int, ...]:
-        """Indices of bodies with a mimic joint that has its own effort limit."""
+        """Indices of the bodies whose mimic joints have effort limits of their own."""
         return tuple(i for i, body in enumerate(self.bodies) if body.follows and np.isfinite(body.effort))
 
     @cached_property
@@ -311,17 +313,17 @@ class Model:
 
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
-        """A name for each coordinate: the joint's name, with a suffix if the joint has several; (nq,)."""
+        """Names (nq,) of the coordinates: the joint's name, with a suffix if the joint has several coordinates."""
         return tuple(body.joint.name + suffix for body in self.leaders for suffix in body.joint.coordinate_suffixes)
 
     @cached_property
     def velocity_names(self) -> tuple[str, ...]:
-        """A name for each velocity and torque: the joint's name, with a suffix if the joint has several; (nv,)."""
+        """Names (nv,) of velocities and torques: the joint's name, with a suffix if the joint has several velocities."""
         return tuple(body.joint.name + suffix for body in self.leaders for suffix in body.joint.velocity_suffixes)
 
     @cached_property
     def coupled(self) -> tuple[tuple[Array, Array, Array], ...]:
-        """Indices in dq (n,), A and A⁻¹ (n, n) of each coupling."""
+        """Indices (n,) in dq, matrix A (n, n) from joints to motors, and A⁻¹, of each coupling."""
         blocks = []
         for coupling in self.couplings:
             indices = np.array([self.leaders_by_name[joint].v_index for joint in coupling.joints])
@@ -335,20 +337,20 @@ class Model:
 
     @cached_property
     def drive_names(self) -> tuple[str, ...]:
-        """A name for the drive of each velocity: the joint, or the coupled motor at its index; (nv,)."""
-        motors: dict[str, str] = {}
+        """Names (nv,) of the drives: the name of the velocity, or of the coupled motor at its index."""
+        motor_by_joint: dict[str, str] = {}
         for coupling in self.couplings:
-            motors.update(zip(coupling.joints, coupling.motors, strict=True))
-        return tuple(motors.get(name, name) for name in self.velocity_names)
+            motor_by_joint.update(zip(coupling.joints, coupling.motors, strict=True))
+        return tuple(motor_by_joint.get(name, name) for name in self.velocity_names)
 
     @cached_property
     def drive_labels(self) -> tuple[str, ...]:
-        """Drive names (:attr:`drive_names`) for reports: coupled motors with the joints they move; (nv,)."""
-        labels: dict[str, str] = {}
+        """Drive names (:attr:`drive_names`) for reports, (nv,): coupled motors have also the joints that they move."""
+        label_by_motor: dict[str, str] = {}
         for coupling in self.couplings:
             for motor in coupling.motors:
-                labels[motor] = coupling.label(motor)
-        return tuple(labels.get(name, name) for name in self.drive_names)
+                label_by_motor[motor] = coupling.label(motor)
+        return tuple(label_by_motor.get(name, name) for name in self.drive_names)
 
     def drive_index(self, name: str) -> int:
         """Index in dq of a drive.
@@ -391,8 +393,9 @@ class Model:
 
     @property
     def neutral(self) -> Array:
-        """Coordinates with every joint at zero; (nq,)."""
-        return np.concatenate([np.zeros(0), *(body.joint.neutral for body in self.leaders)])
+        """Coordinates (nq,) with every joint at zero."""
+        no_coordinates = np.zeros(0)  # concatenate needs an array, also without joints
+        return np.concatenate([no_coordinates, *(body.joint.neutral for body in self.leaders)])
 
     def ancestors(self, body: int) -> set[int]:
         """Indices of a moving body and of the bodies between it and the base; empty for the base.
@@ -420,20 +423,20 @@ class Model:
     @cached_property
     def possible_tips(self) -> tuple[str, ...]:
         """Frames that may be the tip: links that carry several moving joints, farthest from the base first, then the leaves."""
-        joint_counts: Counter[str] = Counter()
+        joint_counts: Counter[str] = Counter()  # moving joints that each link carries
         for body in self.bodies:
             if body.joint.moves_body and body.link in self.mounts:
                 carrier, _ = self.mounts[body.link]
                 joint_counts[carrier] += 1
-        branching: list[str] = []
-        for link, count in joint_counts.items():
-            if count > 1 and link in self.frames and self.frames[link].body != BASE:
-                branching.append(link)
-        branching.sort(key=lambda link: -len(self.ancestors(self.frames[link].body)))
-        return tuple(dict.fromkeys([*branching, *self.leaves]))
+        branching_links: list[str] = []
+        for link, joint_count in joint_counts.items():
+            if joint_count > 1 and link in self.frames and self.frames[link].body != BASE:
+                branching_links.append(link)
+        branching_links.sort(key=lambda link: -len(self.ancestors(self.frames[link].body)))
+        return tuple(dict.fromkeys([*branching_links, *self.leaves]))
 
     def frame(self, name: str | None) -> Frame:
-        """Frame by name; None: the tip.
+        """Frame with a name; the tip for None.
 
         Parameters
         ----------
@@ -459,5 +462,5 @@ class Model:
             name = self.tip
         try:
             return self.all_frames[name]
-        except (KeyError, TypeError):
+        except (KeyError, TypeError):  # TypeError: a name that cannot be hashed
             raise UnknownNameError.from_choices("frame", name, self.all_frames) from None

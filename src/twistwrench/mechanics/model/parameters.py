@@ -57,21 +57,27 @@ def _part_without_effect(joint: Joint, G: SpatialInertia) -> SpatialInertia | No
     if v.any():  # the axis misses the origin, or the joint is helical
         return None
     w = w / np.linalg.norm(w)
-    largest = int(np.argmax(np.abs(w)))
-    across = np.eye(3)[(largest + 1) % 3]
-    across = across - (across @ w) * w
-    J = (across @ I @ across) / (across @ across)  # moment about an axis across w
+    largest_component = int(np.argmax(np.abs(w)))
+    coordinate_axis = np.eye(3)[(largest_component + 1) % 3]  # not parallel to w
+    normal = coordinate_axis - (coordinate_axis @ w) * w
+    J = (normal @ I @ normal) / (normal @ normal)  # moment about an axis at a right angle to w
     h = (G.first_moment @ w) * w
     return SpatialInertia.from_parameters(ten_parameters(G.mass, h, J * (np.eye(3) - np.outer(w, w))))
+
+
+_MAX_ROUNDING = 4e-16
+"""Rounding error of a difference, as a share of its first operand: about two units in the last place."""
 
 
 def _clear_rounding(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
     """Inertia G, a difference from ``before``, with parameters that are rounding errors set to zero."""
     parameters = G.parameters.copy()
     mass = abs(before.mass)
-    first_moment, moment = np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()
-    scales = np.repeat([mass, first_moment, moment], [1, 3, 6])
-    parameters[np.abs(parameters) <= 4e-16 * scales] = 0.0
+    first_moment = np.abs(before.first_moment).max()
+    moment = np.abs(before.parameters[4:]).max()
+    scales = np.repeat([mass, first_moment, moment], [1, 3, 6])  # for each of the ten parameters
+    is_rounding_error = np.abs(parameters) <= _MAX_ROUNDING * scales
+    parameters[is_rounding_error] = 0.0
     return SpatialInertia.from_parameters(parameters)
 
 
@@ -81,9 +87,10 @@ def _clear_rounding(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia
 # ``<joint>.x`` … (position in the parent body), ``<joint>.viscous`` and the other friction parameters,
 # ``<joint>.armature``, ``<joint>.rotor_inertia`` (about the rotor's axis, before the gear), or ``<joint>.stiffness`` of
 # the spring at the joint or in its gear. Coupled motors have names of their own. The link may be massless: ``tool0.mass``
-# is a payload. If only ``<joint>.coulomb`` is given, static friction that equals Coulomb friction changes with it.
+# is a payload. If only ``<joint>.coulomb`` is given and static friction equals Coulomb friction, both change.
 
 _LINK_PARAMETERS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""Parameters of a link, in the order of :func:`ten_parameters`."""
 _JOINT_PARAMETERS = ("x", "y", "z")
 _DRIVE_PARAMETERS = ("armature", "rotor_inertia", "stiffness")
 
@@ -111,7 +118,7 @@ def nominal(model: Model) -> dict[str, float]:
 
 
 def _armatures(model: Model) -> dict[str, int]:
-    """Index in the armature of each drive of one degree of freedom; drives with a rotor have no armature besides."""
+    """Index in the armature of each drive of one degree of freedom, except drives with a rotor, which replaces the armature."""
     joints_with_rotor = {actuator.joint for actuator in model.actuators.values() if actuator.rotor is not None}
     indices: dict[str, int] = {}
     for body in model.leaders:
@@ -122,7 +129,10 @@ def _armatures(model: Model) -> dict[str, int]:
 
 
 def _rotors(model: Model) -> dict[str, tuple[Rotor, float, int | None]]:
-    """Rotor, gear ratio and index of the body, by driven joint or motor; rotors of coupled motors have no body."""
+    """Rotor, gear ratio and index of the rotor's body, by driven joint or motor.
+
+    The index is None for rotors of coupled motors, which have no body.
+    """
     rotor_bodies = {body.joint.name: i for i, body in enumerate(model.bodies) if not body.joint.moves_body}
     rotors: dict[str, tuple[Rotor, float, int | None]] = {}
     for name, actuator in model.actuators.items():
@@ -133,26 +143,29 @@ def _rotors(model: Model) -> dict[str, tuple[Rotor, float, int | None]]:
 
 
 def _springs(model: Model) -> dict[str, int]:
-    """Index of the first spring at each joint, or between the joint and its motor."""
+    """Index in the model of the first spring at each joint, or between the joint and its motor; by joint."""
     indices: dict[str, int] = {}
     for k, spring in enumerate(model.springs):
-        joint, *others = spring.joints
-        if others in ([], [f"{joint}.motor"]):
+        joint, *other_joints = spring.joints
+        if other_joints in ([], [f"{joint}.motor"]):
             indices.setdefault(joint, k)
     return indices
 
 
 def moves_joints(model: Model, names: Sequence[str]) -> bool:
-    """True if lengths are among the names. Without lengths, quantities linear in the parameters stay so after regrouping."""
+    """True if names of lengths are among the parameters.
+
+    Otherwise quantities that are linear in the parameters are also linear in them after regrouping.
+    """
     lengths = {f"{body.joint.name}.{parameter}" for body in model.bodies for parameter in _JOINT_PARAMETERS}
     return not lengths.isdisjoint(names)
 
 
 def _link_values(model: Model, link: str) -> dict[str, float]:
-    """Mass, centre of mass, and moments about the centre of mass of a link, by name."""
+    """Mass, centre of mass, and moments about the centre of mass of a link, by name; zeros for a massless link."""
     G = model.link_inertias.get(link, SpatialInertia.zero())
-    numbers = ten_parameters(G.mass, G.com, G.moment_about_com)
-    return {f"{link}.{parameter}": float(x) for parameter, x in zip(_LINK_PARAMETERS, numbers, strict=True)}
+    values = ten_parameters(G.mass, G.com, G.moment_about_com)
+    return {f"{link}.{parameter}": float(x) for parameter, x in zip(_LINK_PARAMETERS, values, strict=True)}
 
 
 def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
@@ -171,7 +184,7 @@ def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
 
 
 def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequence[Any]) -> Model:
-    """Model with these numbers or symbols in place of its own parameters."""
+    """Model with the values, numbers or symbols, in place of its own parameters of these names."""
     new_values = dict(zip(names, values, strict=True))
     bodies = [_moved_body(body, new_values) for body in model.bodies]
     changed_links: set[str] = set()
@@ -182,19 +195,23 @@ def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequenc
     for link, frame in model.frames.items():
         if link not in changed_links:
             continue
-        numbers = [new_values.get(name, nominal_value) for name, nominal_value in _link_values(model, link).items()]
+        link_values = [new_values.get(name, nominal_value) for name, nominal_value in _link_values(model, link).items()]
         body = bodies[frame.body]
         old_inertia = model.link_inertias.get(link, SpatialInertia.zero())
         without_link = body.inertia - old_inertia.in_frame(frame.pose)
-        new_inertia = _inertia(numbers)
+        new_inertia = _inertia(link_values)
         bodies[frame.body] = replace(body, inertia=without_link + new_inertia.in_frame(frame.pose))
     armature = _change_drive_inertias(model, bodies, new_values)
-    friction, springs = _friction_with_parameters(model, new_values), _springs_with_parameters(model, new_values)
+    friction = _friction_with_parameters(model, new_values)
+    springs = _springs_with_parameters(model, new_values)
     return replace(model, bodies=tuple(bodies), friction=friction, armature=armature, springs=springs)
 
 
 def _change_drive_inertias(model: Model, bodies: list[Any], new_values: dict[str, Any]) -> Array:
-    """Armature with new values. New inertias of rotors change the list ``bodies``: rotors, and links that hold them."""
+    """Armature (nv,) with new values.
+
+    New inertias of rotors replace entries of ``bodies``: the rotors, and the links that hold them.
+    """
     armature_values: dict[int, Any] = {}
     for drive, k in _armatures(model).items():
         name = f"{drive}.armature"
@@ -222,12 +239,14 @@ def _change_drive_inertias(model: Model, bodies: list[Any], new_values: dict[str
 
 
 def _ring_inertia(axis: Array, J: Any) -> SpatialInertia:
-    """Inertia of a thin ring without mass, J about a unit vector and J/2 across it: J ½ (1 + axis axis')."""
+    """Inertia of a thin ring without mass: J about the unit vector ``axis``, J/2 at right angles, so J ½ (1 + axis axis')."""
     moments = J * (0.5 * (np.eye(3) + np.outer(axis, axis)))
-    return SpatialInertia.from_parameters(np.array(ten_parameters(0.0, np.zeros(3), moments), object))
+    parameters = ten_parameters(0.0, np.zeros(3), moments)
+    return SpatialInertia.from_parameters(np.array(parameters, object))
 
 
 def _springs_with_parameters(model: Model, new_values: dict[str, Any]) -> tuple[Spring, ...]:
+    """Springs of the model, with new stiffnesses where these are given."""
     springs = list(model.springs)
     for joint, k in _springs(model).items():
         name = f"{joint}.stiffness"
@@ -237,7 +256,7 @@ def _springs_with_parameters(model: Model, new_values: dict[str, Any]) -> tuple[
 
 
 def _moved_body(body: Any, new_values: dict[str, Any]) -> Any:
-    """Body with the new position of its joint, if there is one."""
+    """Body with the new position of its joint; the body itself if no position is given."""
     names = [f"{body.joint.name}.{parameter}" for parameter in _JOINT_PARAMETERS]
     if new_values.keys().isdisjoint(names):
         return body
@@ -253,40 +272,43 @@ def _inertia(numbers: Sequence[Any]) -> SpatialInertia:
     c = np.array([x, y, z], object)
     I_com = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], object)
     I_origin = I_com - m * (so3.hat(c) @ so3.hat(c))  # parallel-axis theorem
-    return SpatialInertia.from_parameters(np.array(ten_parameters(m, m * c, I_origin), object))
+    parameters = ten_parameters(m, m * c, I_origin)
+    return SpatialInertia.from_parameters(np.array(parameters, object))
 
 
 def _friction_with_parameters(model: Model, new_values: dict[str, Any]) -> Friction:
-    columns = {law: getattr(model.friction, law).astype(object) for law in LAWS}
-    changed = False
+    """Friction of the model, with new values of the friction laws where these are given."""
+    values_by_law = {law: getattr(model.friction, law).astype(object) for law in LAWS}
+    is_changed = False
     for i, drive in enumerate(model.drive_names):
         for law in LAWS:
             name = f"{drive}.{law}"
             if name in new_values:
-                columns[law][i] = new_values[name]
-                changed = True
-        coulomb, static = f"{drive}.coulomb", f"{drive}.static"
-        only_coulomb_is_new = coulomb in new_values and static not in new_values
+                values_by_law[law][i] = new_values[name]
+                is_changed = True
+        coulomb_name, static_name = f"{drive}.coulomb", f"{drive}.static"
+        only_coulomb_is_new = coulomb_name in new_values and static_name not in new_values
         if only_coulomb_is_new and model.friction.static[i] == model.friction.coulomb[i]:
-            columns["static"][i] = new_values[coulomb]
-    if not changed:
+            values_by_law["static"][i] = new_values[coulomb_name]
+    if not is_changed:
         return model.friction
-    return Friction(**columns)
+    return Friction(**values_by_law)
 
 
 # ── Validation of parameters given by sample, with the criteria of loading
 
 _TENSOR = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""Parameters of a link's inertia tensor."""
 _MOMENT_TOLERANCE = 1e-6
-"""Tolerance relative to the sum of the principal moments, as for a single body."""
+"""Tolerance of the triangle inequality as a share of the sum of the principal moments, as for a single body."""
 
 
 def refuse_impossible(model: Model, parameters: Mapping[str, Array]) -> None:
-    """Raise an error for negative masses or friction, and for physically impossible moments of inertia; NaN passes.
+    """Raise InertiaError or ValueRangeError for values that no body, friction or drive can have; NaN passes.
 
     ``parameters`` are numbers of any shape by the names of :func:`~twistwrench.mechanics.model.parameters.nominal`. The inertia
-    tensor of a link is checked as a part of its body, unless the body was already inconsistent when loaded. Raises
-    InertiaError and ValueRangeError, naming the link or joint and the sample.
+    tensor of a link is checked as a part of its body, unless the body was already inconsistent when loaded. The message names
+    the link or joint and the sample.
     """
     tensor_links = set[str]()
     for name, values in parameters.items():
@@ -313,42 +335,48 @@ def refuse_impossible(model: Model, parameters: Mapping[str, Array]) -> None:
 def _refuse_friction(name: str, law: str, values: Array) -> None:
     """Raise ValueRangeError if a friction parameter is out of its range."""
     if law == "stribeck":
-        impossible, bounds = values <= 0, "above 0"
+        is_impossible = values <= 0
+        bounds = "above 0"
     elif law == "load":
-        impossible, bounds = (values < 0) | (values >= 1), "at least 0 and below 1"
+        is_impossible = (values < 0) | (values >= 1)
+        bounds = "at least 0 and below 1"
     else:
-        impossible, bounds = values < 0, "at least 0"
-    if impossible.any():
+        is_impossible = values < 0
+        bounds = "at least 0"
+    if is_impossible.any():
         raise ValueRangeError(
-            f"parameters: {_value_text(name, values, impossible)}, and friction of a joint is {bounds} there."
+            f"parameters: {_value_text(name, values, is_impossible)}, and friction of a joint is {bounds} there."
         )
 
 
 def _refuse_tensor(model: Model, link: str, parameters: Mapping[str, Array]) -> None:
-    """Raise InertiaError for the first sample whose tensor of a link makes its body impossible.
+    """Raise InertiaError for the first sample with a tensor of the link that makes the link's body impossible.
 
-    A link alone may be impossible: only its body moves, which may have other links.
+    A tensor that is impossible for the link alone may be possible for the body, which can have other links.
     """
-    body = model.frames[link].body
-    if reasons(model.bodies[body].inertia, moved_moments(model, body)):  # inconsistent when loaded
+    body_index = model.frames[link].body
+    moments = moved_moments(model, body_index)
+    is_inconsistent_when_loaded = bool(reasons(model.bodies[body_index].inertia, moments))
+    if is_inconsistent_when_loaded:
         return
-    impossible = _impossible_samples(model, link, parameters)
-    if not impossible.any():
+    is_suspect = _impossible_samples(model, link, parameters)
+    if not is_suspect.any():
         return
     parameters_of_body: dict[str, Array] = {}
     for name, samples in parameters.items():
         owner, _, _ = name.rpartition(".")
-        if owner in model.frames and model.frames[owner].body == body:
+        if owner in model.frames and model.frames[owner].body == body_index:
             parameters_of_body[name] = samples
     shape = np.broadcast_shapes(*(samples.shape for samples in parameters_of_body.values()))
-    for sample in map(tuple, np.argwhere(np.broadcast_to(impossible, shape))):
+    suspect_samples = np.argwhere(np.broadcast_to(is_suspect, shape))
+    for sample in map(tuple, suspect_samples):
         values = [float(np.broadcast_to(samples, shape)[sample]) for samples in parameters_of_body.values()]
         with np.errstate(all="ignore"):
             changed_model = with_symbolic_parameters(model, list(parameters_of_body), values)
-        inertial_parameters = changed_model.bodies[body].inertia.parameters.astype(float)
+        inertial_parameters = changed_model.bodies[body_index].inertia.parameters.astype(float)
         if not np.isfinite(inertial_parameters).all():
             continue
-        violations = reasons(SpatialInertia.from_parameters(inertial_parameters), moved_moments(model, body))
+        violations = reasons(SpatialInertia.from_parameters(inertial_parameters), moments)
         if violations:
             where = f" in sample {_sample_text(sample)}" if sample else ""
             raise InertiaError(
@@ -358,7 +386,7 @@ def _refuse_tensor(model: Model, link: str, parameters: Mapping[str, Array]) -> 
 
 
 def _impossible_samples(model: Model, link: str, parameters: Mapping[str, Array]) -> Array:
-    """True for samples whose principal moments about the link's centre of mass violate the triangle inequality; (...,)."""
+    """Mask (...) of the samples whose principal moments about the link's centre of mass violate the triangle inequality."""
     nominal_values = nominal(model)
     names = [f"{link}.{entry}" for entry in _TENSOR]
     entries = [np.asarray(parameters.get(name, nominal_values[name]), float) for name in names]
@@ -375,10 +403,12 @@ def _value_text(name: str, values: Array, mask: Array, unit: str = "") -> str:
     """Parameter with the first value for which the mask is true, and the number of its sample."""
     sample = tuple(np.argwhere(mask)[0])
     where = f" in sample {_sample_text(sample)}" if sample else ""
-    return f"{name!r} is {printed(float(values[sample]))}{unit}{where}"
+    value = float(values[sample])
+    return f"{name!r} is {printed(value)}{unit}{where}"
 
 
 def _sample_text(sample: tuple[int, ...]) -> str:
+    """Index of a sample: a number for one axis of samples, otherwise a tuple."""
     if len(sample) == 1:
         return str(int(sample[0]))
     return str(tuple(map(int, sample)))

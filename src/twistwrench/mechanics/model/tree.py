@@ -41,15 +41,15 @@ def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> T
     root = _root(links, parent_joint)
     ordered_joints = _depth_first(root, children)
     if len(ordered_joints) + 1 < len(links):
-        reached = {root, *(joint.child for joint in ordered_joints)}
-        unreached = next(name for name in links if name not in reached)
-        raise ModelError(_cycle_message(unreached, parent_joint))
+        links_of_tree = {root, *(joint.child for joint in ordered_joints)}
+        other_link = next(name for name in links if name not in links_of_tree)
+        raise ModelError(_cycle_message(other_link, parent_joint))
     leaves = tuple(name for name in links if not children[name])
     return Tree(root, ordered_joints, leaves)
 
 
 def _check_ends(joint: JointEntry, links: Mapping[str, LinkEntry]) -> None:
-    """Raise ModelError if a joint's parent or child does not exist, or if both are the same."""
+    """Raise ModelError if a joint's parent or child does not exist, or if both are one link."""
     for end, name in (("parent", joint.parent), ("child", joint.child)):
         if name not in links:
             error = UnknownNameError.from_choices("link", name, links)
@@ -87,13 +87,16 @@ def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tup
 
 def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
     """Error message for a link that is not connected to a root: among its ancestors there is a cycle."""
-    path: list[str] = []  # from the link towards its ancestors
-    while link not in path:
-        path.append(link)
-        link = parent_joint[link].parent
-    cycle = [*path[path.index(link) :], link][::-1]  # parents first
-    joints = listed(str(parent_joint[name]) for name in cycle[1:])
+    path: list[str] = []  # from the link towards its ancestors, up to the first that is there already
+    ancestor = link
+    while ancestor not in path:
+        path.append(ancestor)
+        ancestor = parent_joint[ancestor].parent
+    children_first = [*path[path.index(ancestor) :], ancestor]
+    cycle = children_first[::-1]
+    links_text = listed(map(repr, cycle), between=" → ")
+    joints_text = listed(str(parent_joint[name]) for name in cycle[1:])
     return (
-        f"the links {listed(map(repr, cycle), between=' → ')} form a cycle, through {joints}. A robot must be a tree; "
+        f"the links {links_text} form a cycle, through {joints_text}. A robot must be a tree; "
         "remove one of these joints."
     )

@@ -1,6 +1,6 @@
-"""Text of a file as seekable UTF-8 with newlines, whether it is plain on disk, UTF-16, gzip, or a pipe.
+"""Text of a file as seekable UTF-8 with newlines, also from UTF-16, gzip, or a pipe.
 
-If it is not plain on disk, a copy holds the text: in memory, or in a temporary file without a name.
+If the file is not plain text on disk, a copy holds the text: in memory, or in a temporary file without a name.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-"""First bytes of a text by encoding; those of UTF-32 come first, as they begin with those of UTF-16."""
-_PORTION_SIZE = 1 << 20
-"""Bytes of a text that are decoded at once."""
-_HEAD_SIZE = 1 << 12
-"""First bytes of a file by which its form is recognised."""
-_MAX_COPY_IN_MEMORY = 1 << 24
+"""First bytes of a text, and its encoding. Marks of UTF-32 come first, as they begin with marks of UTF-16."""
+_PORTION_SIZE = 2**20
+"""Number of bytes of a text that are decoded at once."""
+_HEAD_SIZE = 2**12
+"""Number of first bytes of a file by which its form is recognised."""
+_MAX_COPY_IN_MEMORY = 2**24
 """Largest copy of a text in memory [bytes]."""
 
 
@@ -47,6 +47,7 @@ class TextSource:
     ends: FileEnds
     """Beginning and end of the plain text, and its size."""
     _copy: BinaryIO | None = None
+    """Copy of the text; None if the file is plain text."""
 
     @classmethod
     def from_ends(cls, ends: FileEnds) -> TextSource:
@@ -85,7 +86,8 @@ class TextSource:
 def _is_plain(start: bytes) -> bool:
     """True if a file with these first bytes is text in UTF-8 with newlines."""
     head = start[:_HEAD_SIZE]
-    return not (head.startswith(_GZIP_MARK) or _encoding(head) or _has_old_line_ends(head))
+    is_packed = head.startswith(_GZIP_MARK)
+    return not (is_packed or _encoding(head) or _has_old_line_ends(head))
 
 
 def _has_old_line_ends(head: bytes) -> bool:
@@ -98,7 +100,8 @@ def _plain_copy(path: Path) -> BinaryIO:
     try:
         with path.open("rb") as file:
             stream: BinaryIO = file
-            if not stat.S_ISREG(path.stat().st_mode):  # a pipe is not seekable: copy it first
+            is_regular_file = stat.S_ISREG(path.stat().st_mode)
+            if not is_regular_file:  # a pipe is not seekable: copy it first
                 stream = _copy_portions(_portions(file))
             size = stream.seek(0, os.SEEK_END)
             stream.seek(0)
@@ -116,7 +119,7 @@ def _plain_copy(path: Path) -> BinaryIO:
             if is_packed:
                 plain_text = _check_proportion(plain_text, path, size)
             return _copy_portions(plain_text)
-    except TrajectoryError:
+    except TrajectoryError:  # of the check; other errors get a message below
         raise
     except FileNotFoundError:
         raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
@@ -137,12 +140,12 @@ def _portions(file: BinaryIO) -> Iterator[bytes]:
 
 
 def _copy_portions(portions: Iterator[bytes]) -> BinaryIO:
-    """Copy in memory, or in a temporary file without a name if large; its position is the beginning."""
+    """Copy in memory, or of a large text in a temporary file without a name; its position is the beginning."""
     copy = cast("BinaryIO", tempfile.SpooledTemporaryFile(_MAX_COPY_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
     try:
         for portion in portions:
             copy.write(portion)
-    except BaseException:
+    except BaseException:  # also for a keyboard interrupt
         copy.close()
         raise
     copy.seek(0)
@@ -159,7 +162,7 @@ def _check_proportion(portions: Iterator[bytes], path: Path, packed_size: int) -
 
 
 def _plain_portions(file: BinaryIO, encoding: str | None, *, old_line_ends: bool) -> Iterator[bytes]:
-    """Portions of the text in UTF-8; ``old_line_ends``: lines end in carriage returns."""
+    """Portions of the text in UTF-8; ``old_line_ends`` is True if lines end in carriage returns alone."""
     portions = _portions(file)
     if encoding:
         portions = _encode_utf_8(portions, encoding)
@@ -178,9 +181,9 @@ def _encode_utf_8(portions: Iterator[bytes], encoding: str) -> Iterator[bytes]:
 
 def _encoding(head: bytes) -> str | None:
     """Encoding detected from the first bytes; None if it may be UTF-8."""
-    for mark, name in _BYTE_ORDER_MARKS:
+    for mark, encoding in _BYTE_ORDER_MARKS:
         if head.startswith(mark):
-            return name
+            return encoding
     # UTF-16 without a mark: one of the two bytes of each ASCII character is zero.
     is_zero = [byte == 0 for byte in head[:4]]
     if is_zero == [False, True, False, True]:

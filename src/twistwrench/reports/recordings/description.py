@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 def robot_description(model: Model, *, local: bool = False) -> Element:
-    """URDF of a model with locked joints fixed, and with the visuals and collision shapes of its own URDF file.
+    """Root element of the model's URDF, with locked joints fixed, and with visuals and collision shapes of its own URDF file.
 
-    Mesh names relative to the file become paths. If ``local``, all mesh names become paths, and shapes whose mesh file is
-    missing are left out.
+    Mesh names relative to the file become addresses of files. If ``local``, all mesh names become paths, and shapes whose mesh
+    file is missing are left out.
     """
     description = parse(write_urdf(model).text)
     try:
@@ -37,10 +37,10 @@ def robot_description(model: Model, *, local: bool = False) -> Element:
         return description
     if file is None or root.tag != "robot":
         return description
-    described_links = {link.attributes["name"]: link for link in description.all("link")}
+    link_by_name = {link.attributes["name"]: link for link in description.all("link")}
     description.children = [*root.all("material"), *description.children]
     for link in root.all("link"):
-        described_link = described_links.get(link.attributes.get("name", ""))
+        described_link = link_by_name.get(link.attributes.get("name", ""))
         if described_link is None:
             continue
         for original in (*link.all("visual"), *link.all("collision")):
@@ -51,7 +51,7 @@ def robot_description(model: Model, *, local: bool = False) -> Element:
 
 
 def _resolve_meshes(shape: Element, file: Path, *, local: bool) -> bool:
-    """Replace mesh names of a shape by paths; False if ``local`` and a mesh file is missing."""
+    """Replace mesh names of a shape as in :func:`robot_description`; False if ``local`` and a mesh file is missing."""
     for mesh in shape.walk():
         if mesh.tag != "mesh":
             continue
@@ -86,7 +86,7 @@ class MovingJoints:
         for body in self.robot.model.bodies:
             if body.joint.nq == 1:
                 coordinates[body.joint.name] = body.ratio * q[:, body.q_index] + body.offset
-        for name, joint in self.joints.items():  # mimic joints that are in the description alone
+        for name, joint in self.joints.items():  # mimic joints that the model does not have
             mimic = joint.child("mimic")
             if mimic is not None and name not in coordinates:
                 leader = coordinates[mimic.attributes["joint"]]
@@ -96,7 +96,7 @@ class MovingJoints:
     def transforms(self, q: Array) -> Iterator[tuple[str, str, Array, Array]]:
         """Parent, child, position (n, 3) and quaternion x, y, z, w (n, 4) of each joint with several coordinates.
 
-        A ball joint is three joints in the description, of which the first has the whole rotation.
+        A ball joint is three joints in the description; the pose is that of the first, which has the whole rotation.
         """
         bodies = [body for body in self.robot.model.bodies if body.joint.nq > 1]
         if not bodies:
@@ -110,5 +110,6 @@ class MovingJoints:
             pose = T[:, link_names.index(body.link)]
             if parent in link_names:  # excludes the world of a floating base
                 pose = se3.inverse(T[:, link_names.index(parent)]) @ pose
-            scalar_last = np.roll(quaternion.from_matrix(pose[:, :3, :3]), -1, axis=-1)
+            scalar_first = quaternion.from_matrix(pose[:, :3, :3])
+            scalar_last = np.roll(scalar_first, -1, axis=-1)
             yield parent, child, pose[:, :3, 3], scalar_last

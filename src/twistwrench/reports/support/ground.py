@@ -38,9 +38,9 @@ InContactGiven: TypeAlias = "ContactSource | Mapping[str, str | ArrayLike]"
 """A source for all feet; or for each foot a column of the log, or a value for each row of the log."""
 
 ASSUMED_FRICTION = 0.3
-"""Coefficient of friction that dry ground gives.
+"""Coefficient of friction that dry ground has.
 
-If a robot needs at most that, the report states it as a condition; if it needs more, the verdict is UNSURE.
+If a robot needs at most this friction, the report states it as a condition; if it needs more, the verdict is UNSURE.
 """
 UNLIMITED_FRICTION = 10.0
 """Coefficient of friction that counts as unlimited."""
@@ -51,7 +51,9 @@ MAX_CARRYING_SPEED = 0.05
 _MIN_ALIGNMENT = math.cos(math.radians(1.0))
 """Cosine of the angle from the ground's normal, or the vertical, up to which a contact is on the ground."""
 AUTO = "auto"
-"""Feet by the geometry of the robot."""
+"""Word for feet that are found by the geometry of the robot."""
+_ROUND_OFF = 1e-12
+"""Difference up to which times are equal [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +66,15 @@ class ContactSchedule:
     """(n, c) of bool, with a column for each contact."""
 
     def at(self, time: Array) -> Array:
-        """Contacts (m, c) that carry at some times: those of the last row at or before each time."""
-        rows = np.searchsorted(self.time, time + 1e-12, side="right") - 1  # 1e-12: equal times within round-off
-        return np.asarray(self.carries[np.clip(rows, 0, len(self.time) - 1)])
+        """Contacts (m, c) that carry at some times (m,), by the last row at or before each time."""
+        rows = np.searchsorted(self.time, time + _ROUND_OFF, side="right") - 1
+        known_rows = np.clip(rows, 0, len(self.time) - 1)
+        return np.asarray(self.carries[known_rows])
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Contacts of a robot with a free base, and the rule by which they carry."""
+    """Contacts of a robot with a free base, and the rule that decides which of them carry."""
 
     contacts: tuple[Contact, ...]
     """Contacts with their coefficients of friction, :data:`ASSUMED_FRICTION` where none is given."""
@@ -82,15 +85,15 @@ class Ground:
     on_ground: Array
     """(c,) of bool: False for contacts with another normal, such as a hand on a wall or a magnet at a ceiling."""
     normal: Array
-    """(3,): normal of the ground in the base frame, along which heights are measured."""
+    """(3,): unit normal of the ground in the base frame, along which heights are measured."""
     normal_given: bool = False
-    """True if the user states the normal; heights of the contacts are then no reason to doubt it."""
+    """True if the user states the normal; heights of the contacts are then not a reason to doubt it."""
     schedule: ContactSchedule | None = None
-    """Contacts that carry according to the log, in place of the rule of ``automatic``."""
+    """Contacts that carry according to the log, instead of the rule of ``automatic``; None if the log does not tell."""
 
     @cached_property
     def frames(self) -> tuple[str, ...]:
-        """Frames in contact, in order."""
+        """Distinct frames in contact, in the order of the contacts."""
         return tuple(dict.fromkeys(str(contact.frame) for contact in self.contacts))
 
     @cached_property
@@ -127,7 +130,7 @@ class Ground:
     def carrying(self, robot: Robot, states: MotionSamples) -> Array:
         """Mask (n, c) of the contacts that carry in each state.
 
-        Without a schedule, a foot carries within 1 cm of the lowest contact and slower than 0.05 m/s; others always do.
+        Without a schedule, a foot carries if it is near the height of the lowest contact and slow; other contacts always carry.
         """
         if self.schedule is not None:
             return self.schedule.at(states.time)
@@ -151,7 +154,7 @@ class GroundGiven(NamedTuple):
     """Feet and wheels on the ground, as a user gives them."""
 
     feet: FeetGiven = ()
-    """Feet."""
+    """Frames, rectangles or contacts of the feet, or "auto"."""
     wheels: FramesGiven = ()
     """Frames at the centres of wheels."""
     casters: FramesGiven = ()
@@ -173,7 +176,7 @@ class GroundGiven(NamedTuple):
         in_contact: InContactGiven = "auto",
         normal: ArrayLike | None = None,
     ) -> GroundGiven | None:
-        """Feet and wheels; None without any. Raises ValueRangeError if properties of the ground alone are given."""
+        """Feet and wheels; None if there are none. Raises ValueRangeError if only properties of the ground are given."""
         if feet is not None or wheels is not None or casters is not None:
             return cls(feet or (), wheels or (), casters or (), friction, in_contact, normal)
         if friction is not None or normal is not None:
@@ -188,10 +191,10 @@ class GroundGiven(NamedTuple):
 
 def with_base_free(robot: Robot) -> Robot:
     """Robot whose base floats; raises ValueRangeError if its file or the user fixes the base."""
-    free_entries = int(floating_entries(robot).sum())
-    if free_entries >= 6:
+    degrees_of_freedom = int(floating_entries(robot).sum())  # of the base
+    if degrees_of_freedom >= 6:
         return robot
-    if free_entries:
+    if degrees_of_freedom:
         joint = next(body.joint for body in robot.model.leaders if not body.joint.driven)
         raise _partly_free_base(robot, joint.name, joint.kind)
     for body in robot.model.leaders:
@@ -237,15 +240,20 @@ def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
     on_ground = np.array(alignments) > _MIN_ALIGNMENT
     automatic = on_ground.copy()
     automatic[len(feet) :] = False  # wheels and casters
-    return Ground(contacts, friction_given, tuple(automatic.tolist()), on_ground, normal, given.normal is not None)
+    return Ground(
+        contacts,
+        given=friction_given,
+        automatic=tuple(automatic.tolist()),
+        on_ground=on_ground,
+        normal=normal,
+        normal_given=given.normal is not None,
+    )
 
 
 def _set_friction(contacts: list[Contact], given: FrictionGiven) -> list[Contact]:
-    """Contacts with the friction of their frames, or with the one given for all."""
+    """Contacts with the coefficients of friction of their frames, or with one coefficient for all."""
     frames = sorted({str(contact.frame) for contact in contacts})
-    coefficients = given
-    if not isinstance(coefficients, Mapping):
-        coefficients = dict.fromkeys(frames, coefficients)
+    coefficients = given if isinstance(given, Mapping) else dict.fromkeys(frames, given)
     for frame in coefficients:
         if frame not in frames:
             raise UnknownNameError.from_choices("frame in contact", frame, frames)
@@ -260,27 +268,27 @@ def _set_friction(contacts: list[Contact], given: FrictionGiven) -> list[Contact
 
 
 def _normal(robot: Robot, given: ArrayLike | None) -> Array:
-    """Unit normal (3,) of the ground: as given, or the world's vertical axis."""
+    """Unit normal (3,) of the ground: along the given vector, or the world's vertical axis without one."""
     if given is None:
         return upward(robot)
-    normal = arguments.finite(arguments.one(given, "contact_normal", 3), "contact_normal", 3)
-    size = float(np.linalg.norm(normal))
-    if size == 0:
+    vector = arguments.one(given, "contact_normal", 3)
+    normal = arguments.finite(vector, "contact_normal", 3)
+    length = float(np.linalg.norm(normal))
+    if length == 0:
         raise ValueRangeError(
             "{0} has no length. Give the direction away from the ground, such as 0,0,1.", Argument("contact_normal")
         )
-    return np.asarray(normal / size)
+    return np.asarray(normal / length)
 
 
 def _wheels(robot: Robot, given: FramesGiven, friction: float, option: str, normal: Array) -> list[Contact]:
-    """Contacts of wheels or casters at one frame or several."""
-    frames = given
-    if isinstance(frames, str):
-        frames = [frames]
+    """Contacts of wheels or casters at one frame or several; ``option`` names the argument in errors."""
+    frames = [given] if isinstance(given, str) else given
     return [_wheel(robot, frame, friction, option, normal) for frame in frames]
 
 
 def _wheel(robot: Robot, frame: str, friction: float, option: str, normal: Array) -> Contact:
+    """Contact of a wheel or caster at a frame; raises ValueRangeError or UnknownNameError for other frames."""
     if "@" in frame and frame not in robot.model.all_frames:
         raise ValueRangeError(
             f"{{0}}: {frame!r} is not a frame. Wheels and casters touch the ground at a point of each frame; a rectangle, "
@@ -293,6 +301,7 @@ def _wheel(robot: Robot, frame: str, friction: float, option: str, normal: Array
 
 
 def _coefficient(value: Any) -> float:
+    """Coefficient of friction; raises ValueRangeError for other input."""
     try:
         mu = float(value)
     except (TypeError, ValueError):
@@ -306,7 +315,7 @@ def _coefficient(value: Any) -> float:
 
 
 def _feet(robot: Robot, given: FeetGiven) -> list[str | Contact]:
-    """Frames or contacts, those found for "auto"."""
+    """Frames, rectangles or contacts of the feet; for "auto", the frames that are found."""
     entries: list[str | Contact] = [given] if isinstance(given, str | Contact) else list(given)
     if entries != [AUTO]:
         return entries
@@ -321,16 +330,18 @@ def _feet(robot: Robot, given: FeetGiven) -> list[str | Contact]:
 
 
 def _contacts(robot: Robot, foot: str | Contact, q: Array | None, normal: Array) -> tuple[Contact, ...]:
+    """Contacts of a foot: a given contact, the corners of a rectangle, or the sole that is found at a frame."""
     if isinstance(foot, Contact):
         if foot.frame is None:
             raise ValueRangeError(f"{{0}}: {foot!r} has no frame. Give the link that it is on.", Argument("feet"))
         _check_frame(robot, foot.frame, "feet")
         return (foot,)
-    size, at, frame = foot.rpartition("@")
-    if at and frame in robot.model.all_frames:
-        numbers = parse_numbers(size.replace("x", ","), "feet", _FORM, 2, 5)
+    rectangle, at_sign, frame = foot.rpartition("@")
+    if at_sign and frame in robot.model.all_frames:
+        numbers = parse_numbers(rectangle.replace("x", ","), "feet", _FORM, 2, 5)
+        size, middle = numbers[:2], numbers[2:] or (0.0, 0.0, 0.0)
         _check_frame(robot, frame, "feet")
-        return sole(robot, frame, ASSUMED_FRICTION, numbers[:2], numbers[2:] or (0.0, 0.0, 0.0), normal=normal)
+        return sole(robot, frame, ASSUMED_FRICTION, size, middle, normal=normal)
     _check_frame(robot, foot, "feet")
     return sole(robot, foot, ASSUMED_FRICTION, q=q, normal=normal)
 
@@ -339,7 +350,7 @@ _FORM = "a frame, LENGTHxWIDTH[,x,y,z]@FRAME in metres such as 0.2x0.1@left_ankl
 
 
 def _check_frame(robot: Robot, frame: str, option: str) -> None:
-    """Raise UnknownNameError or ValueRangeError if a frame is not one of the robot that moves."""
+    """Raise UnknownNameError for an unknown frame, and ValueRangeError for a frame that is fixed to the world."""
     frames = robot.model.all_frames
     if frame not in frames:
         raise UnknownNameError.from_choices(f"frame of {option}", frame, frames)

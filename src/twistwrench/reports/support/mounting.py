@@ -1,4 +1,4 @@
-"""Load of a motion on the foundation and on its bolts, as a question of the torque report."""
+"""Load of a motion on the foundation and on its bolts, as a part of the torque report."""
 
 from __future__ import annotations
 
@@ -31,15 +31,23 @@ if TYPE_CHECKING:
 FrameOrTrue: TypeAlias = "bool | str"
 """Frame fixed to the base, or True for the root."""
 BoltsGiven: TypeAlias = "str | Path | ArrayLike"
-"""Bolts as ``"6x0.200"``, number and diameter of the circle [m]; a CSV file ``x,y[,preload]``; or places (k, 2) [m]."""
+"""Bolts as one of three:
+
+- text ``"6x0.200"``: number of bolts and diameter of their circle [m]
+- path of a CSV file with columns ``x,y[,preload]``
+- places (k, 2) [m]
+"""
 
 _CIRCLE = re.compile(r"(\d+)\s*x\s*([\d.eE+-]+)")
+"""Number of bolts, x, diameter."""
 _FORM = (
     "NUMBERxDIAMETER in metres such as 6x0.200, or a CSV file with the columns x,y[,preload] in m and N, or with other units "
     "in brackets, such as x [mm],y [mm],preload [kN]"
 )
 _MAX_CIRCLE = 10.0
 """Largest diameter of a bolt circle [m]."""
+_MAX_BOLT_ROWS = 12
+"""Largest number of bolts in a table: those with the largest pulls."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +69,10 @@ class BoltPattern:
                 Argument("bolts"),
             )
         if self.preload is not None and (self.preload < 0).any():
-            least = int(self.preload.argmin())
+            bolt = int(self.preload.argmin())
+            least_preload = float(self.preload[bolt])
             raise ValueRangeError(
-                f"{{0}}: the preload of bolt {least + 1} is {number(float(self.preload[least]))} N. Give "
+                f"{{0}}: the preload of bolt {bolt + 1} is {number(least_preload)} N. Give "
                 "the force that presses the joint together, at least 0.",
                 Argument("bolts"),
             )
@@ -72,31 +81,33 @@ class BoltPattern:
     def from_given(cls, given: BoltsGiven) -> BoltPattern:
         """Pattern from the text of a bolt circle, from a file, or from places."""
         if not isinstance(given, str | Path):
-            return cls(np.atleast_2d(arguments.finite(given, "bolts", 2)))
+            places = arguments.finite(given, "bolts", 2)
+            return cls(np.atleast_2d(places))
         circle = _CIRCLE.fullmatch(str(given).strip())
         if isinstance(given, str) and circle is not None:
-            count = int(circle[1])
+            bolt_count = int(circle[1])
             diameter = parse_numbers(circle[2], "bolts", _FORM, 1)[0]
-            return cls(bolt_circle(count, diameter))
+            return cls(bolt_circle(bolt_count, diameter))
         if not Path(given).is_file():
             raise ValueRangeError(f"{{0}}: {str(given)!r} is not {_FORM}.", Argument("bolts"))
         return cls._from_file(Path(given))
 
     @classmethod
     def _from_file(cls, path: Path) -> BoltPattern:
-        """Pattern from a CSV file with the columns x, y and perhaps preload, each perhaps with a unit."""
+        """Pattern from a CSV file with the columns x, y and optionally preload, optionally with units."""
         with table_errors(path, "table of bolts", "x,y,preload, then a line for each bolt, such as 0.1,0.1,5000"):
             file = CsvFile.open(path)
-            heads = [split_unit(cell) for cell in file.header]
-            names = [name.casefold() for name, _ in heads]
+            names_and_units = [split_unit(cell) for cell in file.header]
+            names = [name.casefold() for name, _ in names_and_units]
             if names not in (["x", "y"], ["x", "y", "preload"]):
                 raise ValueRangeError(f"{path}: the columns are {', '.join(file.header)}. Give {_FORM}.")
-            factors = np.ones(len(heads))
-            for k, (name, unit) in enumerate(heads):
+            factors = np.ones(len(names))  # from the file's units to SI units
+            for k, (name, unit) in enumerate(names_and_units):
                 if unit is not None:
                     quantity = "tau" if names[k] == "preload" else "q"  # of a prismatic joint: a force, a length
                     factors[k] = unit_factor(unit, quantity, False, f"{path}, column {name!r}")
-            table = file.table(tuple(range(len(heads)))) * factors
+            all_columns = tuple(range(len(names)))
+            table = file.table(all_columns) * factors
         preload = table[:, 2] if "preload" in names else None
         return cls(table[:, :2], preload)
 
@@ -114,7 +125,7 @@ class MotionMounting:
 
     @property
     def bolts(self) -> Array | None:
-        """(n, k, 2): axial and shear load of each bolt, with its preload [N]; an axial load above 0 pulls."""
+        """Axial and shear load of each bolt with its preload, (n, k, 2) [N]; None without bolts. Positive axial loads pull."""
         if self.pattern is None:
             return None
         loads = self.pulls(self.pattern).copy()
@@ -123,7 +134,7 @@ class MotionMounting:
         return loads
 
     def pulls(self, pattern: BoltPattern) -> Array:
-        """(n, k, 2): axial and shear load of each bolt by the robot alone, without preload [N]."""
+        """Axial and shear load of each bolt by the robot alone, without preload, (n, k, 2) [N]."""
         return self.load.bolts(pattern.places)
 
     @property
@@ -133,12 +144,13 @@ class MotionMounting:
             return Verdict(Word.OK)
         pulls = self.pulls(self.pattern)[..., 0]
         excess = pulls - self.pattern.preload
-        row, bolt = np.unravel_index(int(excess.argmax()), excess.shape)
+        row, bolt = np.unravel_index(int(excess.argmax()), excess.shape)  # of the largest excess
         preload = float(self.pattern.preload[bolt])
         if excess[row, bolt] <= TOLERANCE * max(1.0, preload):
             return Verdict(Word.OK)
-        others = int((excess.max(axis=0) > 0).sum()) - 1
-        also = f", and {others} more" if others else ""
+        opens = excess.max(axis=0) > 0
+        other_count = int(opens.sum()) - 1
+        also = f", and {other_count} more" if other_count else ""
         pull = float(pulls[row, bolt])
         time = float(self.time[row])
         return Verdict.from_reasons(
@@ -150,35 +162,38 @@ class MotionMounting:
 
     @property
     def line(self) -> str:
-        """Sentence on the largest loads, and on bolts that are not judged."""
+        """Sentence on the largest loads; if the preload of the bolts is not known, also a sentence on the largest pull."""
         text = str(self.load)
         sentence = f"{text[0].upper()}{text[1:]}."
         if self.pattern is None or self.pattern.preload is not None:
             return sentence
-        pull = float(self.pulls(self.pattern)[..., 0].max(initial=0.0))
+        pulls = self.pulls(self.pattern)[..., 0]
+        largest_pull = float(pulls.max(initial=0.0))
         return (
             f"{sentence} The bolts are not judged, as their preload is not known: the robot pulls one "
-            f"with up to {_four_digits(pull)} N."
+            f"with up to {_four_digits(largest_pull)} N."
         )
 
     def blocks(self) -> list[Table | Line]:
         """Tables of the wrench and of the bolts."""
-        largest = self.load.largest
-        values, rows = zip(*largest.values(), strict=True)
+        largest_components = self.load.largest  # value and row of the motion, by name
+        values, rows = zip(*largest_components.values(), strict=True)
+        times = self.time[list(rows)]
         wrench_table = Table(
             f"On the foundation, at {self.load.frame}",
-            words("component", list(largest)),
+            words("component", list(largest_components)),
             numbers("largest", values, _four_digits),
-            words("unit", map(_unit, largest)),
-            numbers("when", self.time[list(rows)].tolist(), seconds, "s"),
+            words("unit", map(_unit, largest_components)),
+            numbers("when", times.tolist(), seconds, "s"),
         )
         if self.pattern is None:
             return [wrench_table]
         return [wrench_table, self._bolt_table(self.pattern)]
 
     def _bolt_table(self, pattern: BoltPattern) -> Table:
-        """Pull and shear of the robot at each bolt, and its preload if that is known."""
-        axial, shear = np.moveaxis(self.pulls(pattern), -1, 0)
+        """Table of the robot's pull and shear at each bolt, and of its preload if known."""
+        axial, shear = np.moveaxis(self.pulls(pattern), -1, 0)  # (n, k) each
+        largest_pulls = axial.max(axis=0)
         title = "Bolts"
         preload_column = None
         if pattern.preload is not None:
@@ -189,17 +204,17 @@ class MotionMounting:
             words("bolt", [str(k + 1) for k in range(axial.shape[1])]),
             numbers("x", 1e3 * pattern.places[:, 0], _four_digits, "mm"),
             numbers("y", 1e3 * pattern.places[:, 1], _four_digits, "mm"),
-            numbers("largest pull", axial.max(axis=0), _four_digits, "N"),
+            numbers("largest pull", largest_pulls, _four_digits, "N"),
             numbers("when", self.time[axial.argmax(axis=0)], seconds, "s"),
             numbers("least", axial.min(axis=0), _four_digits, "N"),
             numbers("shear", shear.max(axis=0), _four_digits, "N"),
             preload_column,
-            most=12,
-            by=axial.max(axis=0).tolist(),
+            most=_MAX_BOLT_ROWS,
+            by=largest_pulls.tolist(),
         )
 
     def columns(self) -> dict[str, Array]:
-        """Columns (n,) of a written table."""
+        """Columns (n,) of a written table, by their names with units."""
         columns = {f"mounting.{name} [{_unit(name)}]": self.load.wrench[:, k] for k, name in enumerate(WRENCH)}
         bolt_loads = self.bolts
         if bolt_loads is not None:
@@ -215,12 +230,15 @@ def _unit(component: str) -> str:
 
 
 def _four_digits(value: float) -> str:
+    """Load or length with four significant digits; magnitudes below 1e-6 print as zero."""
     return number(value, 4, decimals=6)
 
 
 def motion_mounting(load: LoadCase, motion: Motion, frame: str | None, bolts: BoltsGiven | None) -> MotionMounting:
     """Wrench on the foundation along the states of a motion, with payloads and wrenches on the robot."""
     wrenches = {name: np.broadcast_to(F, (len(motion), 6)) for name, F in load.wrenches.items()}
-    mounting = mounting_load(load.with_load, motion.q, motion.dq, motion.ddq, frame, wrench_on_robot=wrenches or None)
+    foundation_load = mounting_load(
+        load.with_load, motion.q, motion.dq, motion.ddq, frame, wrench_on_robot=wrenches or None
+    )
     pattern = None if bolts is None else BoltPattern.from_given(bolts)
-    return MotionMounting(mounting, motion.time, pattern)
+    return MotionMounting(foundation_load, motion.time, pattern)

@@ -27,22 +27,23 @@ if TYPE_CHECKING:
 
 
 def closure(model: Model, frame_a: str, frame_b: str, rows: Rows, pose: ArrayLike | None) -> Closure:
-    """Closure of :meth:`twistwrench.Robot.close`."""
+    """Closure with the arguments of :meth:`twistwrench.Robot.close`, checked."""
     refuse_couplings(model, "close")
     frame_a, frame_b = _frame_name(model, frame_a), _frame_name(model, frame_b)
     if place_of(model, frame_a).body == place_of(model, frame_b).body:
         raise ConstraintError(
             f"{frame_a!r} and {frame_b!r} are fixed to one body, so nothing between them can be closed."
         )
-    if pose is None:
-        T_ac = np.eye(4)
-    else:
-        T_ac = arguments.pose(arguments.one(pose, "pose", 4, 4), "pose")
-    return Closure(frame_a, frame_b, row_numbers(rows), tuple(tuple(row) for row in T_ac.tolist()))
+    T_ac = np.eye(4)  # pose that frame_b takes, in frame_a
+    if pose is not None:
+        matrix = arguments.one(pose, "pose", 4, 4)
+        T_ac = arguments.pose(matrix, "pose")
+    hashable_pose = tuple(tuple(matrix_row) for matrix_row in T_ac.tolist())
+    return Closure(frame_a, frame_b, row_numbers(rows), hashable_pose)
 
 
 def rolling(model: Model, frame: str, rows: Rows, kind: str) -> Rolling:
-    """Constraint of :meth:`twistwrench.Robot.constrain`."""
+    """Constraint with the arguments of :meth:`twistwrench.Robot.constrain`, checked."""
     if kind not in KINDS:
         raise UnknownNameError.from_choices("kind", kind, KINDS)
     refuse_couplings(model, "constrain")
@@ -53,9 +54,9 @@ def rolling(model: Model, frame: str, rows: Rows, kind: str) -> Rolling:
 
 
 def _frame_name(model: Model, frame: str | None) -> str:
-    """Name of the frame, or the tip for None; raises the errors of :meth:`Model.frame`."""
+    """Name of the frame; for None the name of the tip, or an error of :meth:`Model.frame` if the robot has no tip."""
     if frame is None:
-        model.frame(None)
+        model.frame(None)  # only for its error
         return str(model.tip)
     return frame
 
@@ -63,76 +64,97 @@ def _frame_name(model: Model, frame: str | None) -> str:
 # ── Configurations with closed loops, and rows that are independent there
 
 STARTS = 32
-"""Number of random start configurations in the search for closed ones; one in a few converges for common mechanisms."""
+"""Number of start configurations in the search for closed ones; several of them converge for common mechanisms."""
 MAX_FOUND_GAP = 1e-10
-"""Largest gap of a configuration that counts as closed, rad, and fraction of the robot's length.
+"""Largest gap of a configuration that counts as closed [rad, fraction of the robot's length].
 
-Rows of A differ from those of a closed configuration far less than their tolerances.
+Rows of the constraint matrix A then differ far less from those of an exactly closed configuration than their tolerances.
 """
+_TARGET_GAP = 0.01 * MAX_FOUND_GAP
+"""Gap at which the solver stops, with room to :data:`MAX_FOUND_GAP`."""
 _DISPLACEMENT_SIZES = [0.0, 0.01, 0.1, 0.3]
 """Standard deviations of random displacements around a configuration, rad and m."""
+_MAX_COUPLING = 1e-9
+"""Largest entry of another row, as a share of the size of angular rows, at which a frame does not turn about other axes."""
 
 
 def some_configurations(closed: ConstrainedRobot, near: ArrayLike | None) -> Array:
-    """Configurations with closed loops, found from stored and random ones or from around ``near``; (n, nq)."""
+    """Configurations (n, nq) with closed loops.
+
+    The search starts around ``near``, or else at random configurations and around the robot's stored ones.
+    """
     rng = np.random.default_rng(0)
     robot = closed.open()
     if near is None:
-        around_stored = [robot.add(q, _displacements(rng, robot, 4)) for q in robot.model.configurations.values()]
-        random = robot.random_configuration(rng, STARTS - 1)
-        starts = np.concatenate([*around_stored, random, robot.neutral[None]])
+        starts_per_stored = len(_DISPLACEMENT_SIZES)
+        stored = robot.model.configurations.values()
+        starts_around_stored = [robot.add(q, _displacements(rng, robot, starts_per_stored)) for q in stored]
+        random_starts = robot.random_configuration(rng, STARTS - 1)  # the neutral one makes STARTS
+        starts = np.concatenate([*starts_around_stored, random_starts, robot.neutral[None]])
     else:
-        q = arguments.one(near, "near", robot.nq, names=robot.coordinate_names)
-        starts = robot.add(q, _displacements(rng, robot, STARTS))
-    q, gaps = closed.settled(starts, 0.01 * MAX_FOUND_GAP)
+        q_near = arguments.one(near, "near", robot.nq, names=robot.coordinate_names)
+        starts = robot.add(q_near, _displacements(rng, robot, STARTS))
+    q, gaps = closed.settled(starts, _TARGET_GAP)
     is_closed = gaps <= MAX_FOUND_GAP
     if not is_closed.any():
+        smallest_gap = printed(gaps.min(), 3)
         raise ConstraintError(
             f"no configuration found at which {closed.constraints[-1].name!r} closes: from {len(starts)} starts the nearest "
-            f"leaves a gap of {printed(gaps.min(), 3)} ({gap_unit_text(closed)}). Check pose and rows, or give near=q, one "
-            "near it."
+            f"leaves a gap of {smallest_gap} ({gap_unit_text(closed)}). Check pose and rows, or give near=q, one near it."
         )
     return np.asarray(q[is_closed])
 
 
 def _displacements(rng: np.random.Generator, robot: Robot, count: int) -> Array:
-    """Random displacements (count, nv) of different size; the first are zero. ``count``: a multiple of four."""
+    """Random displacements (count, nv): equally many, in order, of each of :data:`_DISPLACEMENT_SIZES`.
+
+    ``count`` is a multiple of the number of sizes.
+    """
     sizes = np.repeat(_DISPLACEMENT_SIZES, count // len(_DISPLACEMENT_SIZES))
     return sizes[:, None] * rng.standard_normal((count, robot.nv))
 
 
 def require_angle(closed: ConstrainedRobot, q: Array) -> None:
-    """Raise ConstraintError if the last closure holds one angular row alone while the frame turns about other axes too.
+    """Raise ConstraintError if the last closure has a single angular row while its frame also turns about other axes.
 
-    The rate of this row is then not the rate of an angle.
+    The rate of this row is then not the rate of an angle. ``q`` are configurations (n, nq) with closed loops.
     """
     robot = closed.open()
-    new = closed.constraints[-1]
-    angular_rows = [row for row in new.rows if row < 3]
-    if not isinstance(new, Closure) or len(angular_rows) != 1:
+    last_closure = closed.constraints[-1]
+    angular_rows = [row for row in last_closure.rows if row < 3]  # before the linear rows 3, 4, 5
+    if not isinstance(last_closure, Closure) or len(angular_rows) != 1:
         return
-    J = robot.kernel("constraint_jacobian", constraints=(all_rows(new),))(q)
-    weighted_angular_rows = mass_weighted_rows(J, robot.mass_matrix(q))[:, :3]
-    other_rows = np.delete(weighted_angular_rows, angular_rows[0], axis=1)
-    angular_size = six_sizes(robot, new)[0]
-    if np.abs(other_rows).max() > 1e-9 * angular_size:
+    row = angular_rows[0]
+    constraint_jacobian = robot.kernel("constraint_jacobian", constraints=(all_rows(last_closure),))
+    J = constraint_jacobian(q)  # (n, 6, nv)
+    weighted_rows = mass_weighted_rows(J, robot.mass_matrix(q))
+    weighted_angular_rows = weighted_rows[:, :3]
+    other_rows = np.delete(weighted_angular_rows, row, axis=1)
+    row_sizes = six_sizes(robot, last_closure)
+    angular_size = row_sizes[0]
+    if np.abs(other_rows).max() > _MAX_COUPLING * angular_size:
         raise ConstraintError(
-            f"{new.name}: {TWIST[angular_rows[0]]} is the only row of turning, and {new.frame_b!r} also turns about other "
-            "axes, so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with "
+            f"{last_closure.name}: {TWIST[row]} is the only row of turning, and {last_closure.frame_b!r} also turns about "
+            "other axes, so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with "
             "constrain."
         )
 
 
 def refuse_redundant(closed: ConstrainedRobot) -> None:
-    """Raise ConstraintError that names the dependent rows and an independent choice."""
-    new = closed.constraints[-1]
-    first = len(closed.sizes) - len(new.rows)
-    independent_rows = [TWIST[new.rows[k - first]] for k in closed.independent if k >= first]
+    """Raise ConstraintError that names dependent rows of the last constraint, and its independent rows as a choice."""
+    last = closed.constraints[-1]
+    rows_before = len(closed.sizes) - len(last.rows)  # rows of the other constraints
+    independent_names = []
+    for k in closed.independent:
+        if k >= rows_before:
+            row = last.rows[k - rows_before]
+            independent_names.append(TWIST[row])
     advice = "It adds nothing: leave it out"
-    if independent_rows:
-        advice = f"Independent ones are rows={' '.join(independent_rows)!r}: close with these"
+    if independent_names:
+        advice = f"Independent ones are rows={' '.join(independent_names)!r}: close with these"
+    redundant_rows = ", ".join(closed.redundant_rows)
     raise ConstraintError(
-        f"of the {len(new.rows)} rows of {new.name!r} {len(independent_rows)} are independent constraints; the others never "
-        f"move, or follow from rows before them: {', '.join(closed.redundant_rows)}. {advice}, or with redundant='accept', "
-        "which takes the λ of least norm."
+        f"of the {len(last.rows)} rows of {last.name!r} {len(independent_names)} are independent constraints; the others never "
+        f"move, or follow from rows before them: {redundant_rows}. {advice}, or with redundant='accept', which takes the λ "
+        "of least norm."
     )

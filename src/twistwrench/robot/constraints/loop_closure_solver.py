@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from ..doors import ConstrainedRobot
 
 PROJECTION_ROUNDS = 4
-"""Number of alternating projections of starts into the limits and onto the loops."""
+"""Number of times that starts are moved onto the loops and then into the limits."""
+_FRACTIONS_OF_WAY = (0.5, 0.25)
+"""Parts of the way from a closed configuration to a failed start at which another start is tried, in order."""
 
 
 class LoopClosureSolver:
@@ -36,7 +38,7 @@ class LoopClosureSolver:
             if isinstance(constraint, Closure):
                 twist_rows += constraint.rows
         self._searched_rows = self.rows.indices[0]
-        """Indices of the search's rows among all position rows."""
+        """Indices of the search's rows among the position rows of all closures."""
         self.kinds = [twist_rows[k] for k in self._searched_rows]
         """Index in a twist of each row of the search."""
         self.allowed = tuple((MAX_CLOSED_GAP * self.units[self._searched_rows]).tolist())
@@ -46,7 +48,8 @@ class LoopClosureSolver:
     def start(self) -> Array:
         """A configuration with the loops closed; raises ConstraintError if none is found."""
         try:
-            return np.asarray(some_configurations(self.closed, None)[0])
+            closed_configurations = some_configurations(self.closed, None)
+            return np.asarray(closed_configurations[0])
         except ConstraintError as error:
             first_sentence, _, _ = str(error).partition(". ")
             raise ConstraintError(
@@ -61,19 +64,19 @@ class LoopClosureSolver:
     def close(self, q: Array) -> Array:
         """Configurations (n, nq) moved onto the loops; unchanged if no closed configuration is found."""
         closed_q, gaps = self.closed.settled(q, MAX_CLOSED_GAP)
-        return np.where((gaps <= MAX_CLOSED_GAP)[:, None], closed_q, q)
+        is_closed = gaps <= MAX_CLOSED_GAP
+        return np.where(is_closed[:, None], closed_q, q)
 
     def closed_starts(self, starts: Array, inside: Callable[[Array], Array]) -> Array:
         """Configurations (n, nq) with closed loops inside the limits, from configurations that may be open.
 
-        If none is found from a start, a point half or a quarter of the way to it, from a closed configuration of another
-        start, is tried. If none is found from there either, that configuration is taken. ``inside`` clips
-        configurations to their limits.
+        If the search from a start fails, it is repeated from points between this start and a closed configuration of another
+        start. If these fail, too, the closed configuration itself is returned. ``inside`` clips configurations to their limits.
         """
         robot = self.closed.open()
 
         def close_inside(q: Array) -> tuple[Array, Array]:
-            """Closed configurations, and the mask of those that are closed and inside."""
+            """Configurations near q, and a mask (n,) of those that are closed and inside the limits."""
             for _ in range(PROJECTION_ROUNDS):
                 q = inside(self.close(q))
             q = self.close(q)
@@ -82,7 +85,7 @@ class LoopClosureSolver:
             return q, is_inside & (largest_gaps <= MAX_CLOSED_GAP)
 
         q, is_good = close_inside(starts)
-        for fraction in (0.5, 0.25):
+        for fraction in _FRACTIONS_OF_WAY:
             if is_good.all() or not is_good.any():
                 break
             failed_rows = np.flatnonzero(~is_good)
@@ -91,11 +94,12 @@ class LoopClosureSolver:
             q[failed_rows], is_good[failed_rows] = close_inside(robot.add(q[good_rows], step))
         if is_good.any():
             failed_rows = np.flatnonzero(~is_good)
-            q[failed_rows] = q[np.resize(np.flatnonzero(is_good), len(failed_rows))]
+            good_rows = np.resize(np.flatnonzero(is_good), len(failed_rows))
+            q[failed_rows] = q[good_rows]
         return inside(q)
 
     def search_gaps(self, q: Array) -> tuple[Array, Array]:
-        """Gaps of the search's rows (n, rows), and the largest gap relative to its unit (n,)."""
+        """Gaps of the search's rows (n, rows), and the largest gap (n,) of all rows relative to its unit."""
         gaps = self.closed.gaps(q)
-        largest_gaps = np.abs(gaps / self.units).max(axis=-1, initial=0.0)
-        return gaps[:, self._searched_rows], largest_gaps
+        relative_gaps = np.abs(gaps / self.units)
+        return gaps[:, self._searched_rows], relative_gaps.max(axis=-1, initial=0.0)

@@ -1,4 +1,4 @@
-"""Disk cache of loaded robots: first results without parsing or tracing."""
+"""Disk cache of robots: after an earlier loading, first results need no parsing or tracing."""
 
 from __future__ import annotations
 
@@ -23,14 +23,18 @@ if TYPE_CHECKING:
 # each loading. The model is built from the bytes of the file as soon as cached kernels do not suffice.
 
 _PLAIN_TYPES = (str, int, float, bool, type(None))
-"""Types of options that their text identifies."""
+"""Types of options whose text identifies their value."""
+_OTHER_FORMAT_MARKS = (b"<mujoco", b"<sdf", b"xacro:", b"${")
+"""Texts in files that are not plain URDF."""
 
 
 class CacheEntry(NamedTuple):
-    """Robot file and the options of loading."""
+    """Cache entry of a robot file, loaded with certain options."""
 
     data: bytes
+    """Bytes of the file."""
     key: str
+    """Key of file and options."""
     remarks: tuple[str, ...] | None
     """Warnings of an earlier loading; None if the file was not loaded before."""
 
@@ -48,7 +52,7 @@ class CachedModel:
 
 
 def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
-    """Cache entry of a robot file; None without a cache or for anything but plain URDF (xacro includes other files)."""
+    """Cache entry of a plain URDF file; None without a cache, and for other input, such as xacro, which includes files."""
     if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
         return None
     options_text = _options_text(options)
@@ -61,21 +65,21 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
         # A RobotFile has its bytes as data, since it may be loaded twice.
         data = getattr(source, "data", None) or read_bytes(Path(source))
         version = _version()
-    except (OSError, ValueError):  # reported by the loader; or the library is in an archive
+    except (OSError, ValueError):  # the loader reports an unreadable file; or the library is in an archive
         return None
-    has_other_format = any(mark in data for mark in (b"<mujoco", b"<sdf", b"xacro:", b"${"))
+    has_other_format = any(mark in data for mark in _OTHER_FORMAT_MARKS)
     if b"<robot" not in data or has_other_format:
         return None
     key = object_cache.digest("robot", version, os.fspath(source), options_text, data).hex()
-    entry = object_cache.load(key, folder)
-    remarks = None if entry is None else _remarks(entry)
+    stored_bytes = object_cache.load(key, folder)
+    remarks = None if stored_bytes is None else _remarks(stored_bytes)
     return CacheEntry(data, key, remarks)
 
 
-def _remarks(entry: bytes) -> tuple[str, ...] | None:
-    """Warnings of an entry; None for an entry that :func:`keep_file` did not write."""
+def _remarks(stored_bytes: bytes) -> tuple[str, ...] | None:
+    """Warnings that :func:`keep_file` stored; None for other bytes."""
     try:
-        remarks = literal_eval(entry.decode())
+        remarks = literal_eval(stored_bytes.decode())
     except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):  # the file is loaded again
         return None
     if isinstance(remarks, tuple) and all(isinstance(remark, str) for remark in remarks):
@@ -84,12 +88,12 @@ def _remarks(entry: bytes) -> tuple[str, ...] | None:
 
 
 def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
-    """Store that a file was loaded, and its warnings."""
+    """Store the warnings of a file that was loaded, in the entry ``known``."""
     object_cache.store(known.key, repr(tuple(remarks)).encode())
 
 
 def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) -> str:
-    """Cache key of a kernel; empty if the kernel is not cached."""
+    """Cache key of a kernel of the robot with the key ``origin``; empty if the kernel is not cached."""
     if not origin:
         return ""
     options_text = _options_text({**options, "names": tuple(names)})
@@ -123,7 +127,7 @@ def _version() -> str:
 
 
 def _options_text(options: Mapping[str, Any]) -> str | None:
-    """Text of the options that are not None; None if one is not a plain value."""
+    """Text of the options that are not None; None if an option is not a plain value."""
     given_options = {name: value for name, value in sorted(options.items()) if value is not None}
     if not _is_plain(given_options):
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -24,7 +25,16 @@ _MIN_INTERVAL_SHARE = 0.02
 _MIN_RANGE_SHARE = 0.1
 """Minimum range of a joint's axis on either side, as a share of its limit, so that small torques look small."""
 _MIN_SHARE_OF_DRAWN_LIMIT = 0.3
-"""Share of its limit that a curve must reach for the limit to be drawn; otherwise it would flatten the curve."""
+"""Share of its limit that a curve must reach for the limit to be drawn; otherwise the limit would flatten the curve."""
+_LABEL_ROOM = 0.2
+"""Room for a label above and below a curve, as a share of the curve's range."""
+_FACTOR_PAST_LIMIT = 1.15
+"""End of a torque axis, as a multiple of a drawn limit."""
+
+# Sizes of figures [in].
+_PANEL_HEIGHT = 1.95
+_TITLE_HEIGHT = 0.3
+_CONTRIBUTIONS_HEIGHT = 3.1
 
 
 def plot_report(report: TorqueReport, path: str | Path) -> None:
@@ -35,16 +45,18 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
     report : TorqueReport
     path : str or Path; the suffix selects the format (.png, .pdf, .svg)
     """
-    count = len(report.joints)
-    rows, columns = style.panel_grid(count)
-    height = 1.95 * rows + 0.3
-    width = max(7.5, 11.25 if columns == 3 else 3.2 * columns)
-    with style.figure(width, height + 3.4, report_title(report), "Drawing the report") as drawn:
-        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 3.1]))
+    joint_count = len(report.joints)
+    rows, columns = style.panel_grid(joint_count)
+    panels_height = _PANEL_HEIGHT * rows + _TITLE_HEIGHT
+    width = 11.25 if columns == 3 else max(7.5, 3.2 * columns)
+    height = panels_height + (_CONTRIBUTIONS_HEIGHT + _TITLE_HEIGHT)
+    with style.figure(width, height, report_title(report), "Drawing the report") as drawn:
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[panels_height, _CONTRIBUTIONS_HEIGHT]))
         if report.noisy:
             _draw_noise_legend(upper, report)
-        for k, axis in enumerate(style.panels(upper, count, sharex=True)):
-            _draw_joint(axis, report, k, last=k + columns >= count)
+        for k, axis in enumerate(style.panels(upper, joint_count, sharex=True)):
+            is_bottom_panel = k + columns >= joint_count  # no panel stands below it
+            _draw_joint(axis, report, k, is_bottom_panel=is_bottom_panel)
         if report.worst is not None:
             _draw_contributions(lower.subplots(), report, report.worst)
         style.save(drawn, path)
@@ -73,48 +85,53 @@ def report_title(report: TorqueReport) -> str:
 
 
 def _break_at_gaps(time: Array, threshold: float, *curves: Array) -> list[Array]:
-    """Time and curves with nan inserted in every step longer than ``threshold``, to break lines there."""
+    """Time and curves with nan inserted in the curves in every step longer than ``threshold``, to break lines there."""
     if len(time) < 3 or not math.isfinite(threshold):
         return [time, *curves]
     steps = np.diff(time)
     usual_step = float(np.median(steps))
     max_step = max(threshold, 1.5 * usual_step)
-    if usual_step > threshold / 2:  # a bin of several rows: the rows beside a gap are up to a bin apart, too
+    is_binned = usual_step > threshold / 2  # a point is then a bin of several rows
+    if is_binned:  # the step across a gap is longer than the gap by up to a bin
         max_step = max(max_step, usual_step + threshold)
-    after_gap = np.flatnonzero(steps > max_step) + 1
-    broken_curves = [np.insert(curve, after_gap, np.nan) for curve in curves]
-    return [np.insert(time, after_gap, time[after_gap - 1]), *broken_curves]
+    indices_after_gaps = np.flatnonzero(steps > max_step) + 1
+    last_times = time[indices_after_gaps - 1]  # a time for each inserted nan
+    broken_curves = [np.insert(curve, indices_after_gaps, np.nan) for curve in curves]
+    return [np.insert(time, indices_after_gaps, last_times), *broken_curves]
 
 
-def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -> None:
+def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, is_bottom_panel: bool) -> None:
     """Draw a joint's torque with its peak and its limits."""
     joint = report.joints[k]
-    over = over_limit(joint.share)
-    colour = style.OVER if over else style.LINE
+    is_over_limit = over_limit(joint.share)
+    colour = style.OVER if is_over_limit else style.LINE
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
-    if report.derived is not None:  # pale, and clipped if it would flatten the main curve
-        _draw_band(axis, report, report.derived.envelope, k, style.PALE, 1)
-    time, least, greatest = _draw_band(axis, report, report.envelope, k, style.LINE, 3)
-    if report.band is not None:
+    if (
+        report.derived is not None
+    ):  # torques of the unsmoothed log: pale, and clipped if they would flatten the main curve
+        _draw_envelope(axis, report, report.derived.envelope, k, style.PALE, 1)
+    low, high = _draw_envelope(axis, report, report.envelope, k, style.LINE, 3)
+    if report.band is not None:  # interval of single torques
         band_time, lower, upper = report.band
-        time, low, high = _break_at_gaps(band_time, report.gaps.threshold, lower[:, k], upper[:, k])
-        axis.fill_between(time, low, high, color=style.SKY, alpha=0.35, linewidth=0, zorder=2)
-    bottom, top = float(np.nanmin(least)), float(np.nanmax(greatest))
+        time, interval_low, interval_high = _break_at_gaps(band_time, report.gaps.threshold, lower[:, k], upper[:, k])
+        axis.fill_between(time, interval_low, interval_high, color=style.SKY, alpha=0.35, linewidth=0, zorder=2)
+    bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
     half_interval = 0.0
     if report.noisy:
         half_interval = INTERVAL * report.reach(joint)
     if half_interval > _MIN_INTERVAL_SHARE * (top - bottom):
         axis.errorbar(joint.time, joint.peak, yerr=half_interval, color=colour, linewidth=1.2, capsize=2.5, zorder=4)
-    bottom, top = min(bottom, joint.peak - half_interval), max(top, joint.peak + half_interval)
-    _frame_limits(axis, joint, bottom, top, max_min_range=report.scale)
+    bottom = min(bottom, joint.peak - half_interval)
+    top = max(top, joint.peak + half_interval)
+    _set_torque_range(axis, joint, bottom, top, max_half_range=report.scale)
     _draw_peak(axis, report, joint, colour)
     remark = joint.unit
     if math.isfinite(joint.limit):
         remark = f"{percent_of_limit(joint.share)} of {number(joint.limit)} {joint.unit}"
-    style.titles(axis, joint.joint, remark, style.OVER if over else style.QUIET)
+    style.titles(axis, joint.joint, remark, style.OVER if is_over_limit else style.QUIET)
     axis.set_ylabel(joint.unit, color=style.QUIET, fontsize=style.SMALL_FONT)
     axis.margins(x=0)
-    if last:
+    if is_bottom_panel:
         axis.tick_params(labelbottom=True)
         axis.set_xlabel("time [s]", color=style.QUIET, fontsize=style.SMALL_FONT)
 
@@ -123,8 +140,8 @@ def _draw_peak(axis: style.Axes, report: TorqueReport, joint: JointTorque, colou
     """Draw the peak as a point, with its value beside it: towards the middle of the time, away from zero."""
     peak = 0.0 if report.is_zero(joint.peak) else joint.peak
     axis.plot(joint.time, peak, "o", color=colour, markersize=4.5, markeredgecolor=style.PAPER, zorder=5)
-    dx, horizontal = 5, "left"
-    if joint.time > 0.6 * report.end + 0.4 * report.begin:
+    dx, horizontal = 5, "left"  # distance from the point [pt], and the edge of the text there
+    if joint.time > 0.6 * report.end + 0.4 * report.begin:  # in the last 40 % of the time
         dx, horizontal = -5, "right"
     dy, vertical = 4, "bottom"
     if joint.peak < 0:
@@ -157,45 +174,51 @@ def _draw_noise_legend(figure: Any, report: TorqueReport) -> None:
     figure.legend(handles=entries, loc="outside upper right", ncols=4)
 
 
-def _draw_band(
+def _draw_envelope(
     axis: style.Axes, report: TorqueReport, envelope: tuple[Array, Array, Array], k: int, colour: str, order: float
-) -> tuple[Array, Array, Array]:
-    """Draw a joint's torque as a band between the minimum and maximum of each bin of rows; returns the drawn arrays."""
-    max_zero = ZERO * report.scale
+) -> tuple[Array, Array]:
+    """Draw a joint's torque as an area between the minimum and maximum of each bin of rows; returns these minima and maxima."""
+    max_round_off = ZERO * report.scale
     bin_time, minima, maxima = envelope
-    low = np.where(np.abs(minima[:, k]) <= max_zero, 0.0, minima[:, k])
-    high = np.where(np.abs(maxima[:, k]) <= max_zero, 0.0, maxima[:, k])
-    time, least, greatest = _break_at_gaps(bin_time, report.gaps.threshold, low, high)
-    axis.fill_between(time, least, greatest, color=colour, linewidth=0, zorder=order)
-    for edge in (least, greatest):  # a band of zero width shows as a line
+    minimum, maximum = minima[:, k], maxima[:, k]
+    minimum = np.where(np.abs(minimum) <= max_round_off, 0.0, minimum)
+    maximum = np.where(np.abs(maximum) <= max_round_off, 0.0, maximum)
+    time, low, high = _break_at_gaps(bin_time, report.gaps.threshold, minimum, maximum)
+    axis.fill_between(time, low, high, color=colour, linewidth=0, zorder=order)
+    for edge in (low, high):  # an area of zero width shows as a line
         axis.plot(time, edge, color=colour, linewidth=1.0, zorder=order)
-    return time, least, greatest
+    return low, high
 
 
-def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float, *, max_min_range: float) -> None:
+def _set_torque_range(axis: style.Axes, joint: JointTorque, low: float, high: float, *, max_half_range: float) -> None:
     """Set the displayed torque range: the curve with room for its label, and each limit that the curve comes near.
 
-    On either side the range is at least a tenth of the limit, or ``max_min_range`` if that is less.
+    On either side of zero the range is at least a tenth of the limit, or ``max_half_range`` if that is less.
     """
-    span = max(high, 0.0) - min(low, 0.0) or 1.0
-    bottom, top = min(low, 0.0) - 0.2 * span, max(high, 0.0) + 0.2 * span
-    for side, extreme in ((-1, -low), (1, high)):
-        if not math.isfinite(joint.limit) or extreme < _MIN_SHARE_OF_DRAWN_LIMIT * joint.limit:
+    span = max(high, 0.0) - min(low, 0.0)
+    if span == 0.0:  # an axis needs a length
+        span = 1.0
+    bottom = min(low, 0.0) - _LABEL_ROOM * span
+    top = max(high, 0.0) + _LABEL_ROOM * span
+    is_limited = math.isfinite(joint.limit)
+    for side, magnitude in ((-1, -low), (1, high)):  # magnitude of the largest torque on this side of zero
+        if not is_limited or magnitude < _MIN_SHARE_OF_DRAWN_LIMIT * joint.limit:
             continue
-        beyond_limit = 1.15 * side * joint.limit
+        beyond_limit = _FACTOR_PAST_LIMIT * side * joint.limit
         bottom, top = min(bottom, beyond_limit), max(top, beyond_limit)
         axis.axhline(side * joint.limit, **style.LIMIT)
         shaded_to = side * 100 * max(joint.limit, span)  # far outside the picture
         axis.axhspan(side * joint.limit, shaded_to, color=style.OVER, alpha=0.08, linewidth=0)
-    if math.isfinite(joint.limit):
-        min_range = min(_MIN_RANGE_SHARE * joint.limit, max_min_range)
-        bottom, top = min(bottom, -min_range), max(top, min_range)
+    if is_limited:
+        half_range = min(_MIN_RANGE_SHARE * joint.limit, max_half_range)
+        bottom, top = min(bottom, -half_range), max(top, half_range)
     axis.set_ylim(bottom, top)
 
 
 def _draw_contributions(axis: style.Axes, report: TorqueReport, k: int) -> None:
     """Draw the contributions to a joint's torque around its peak."""
-    joint, states = report.joints[k], report.around
+    joint = report.joints[k]
+    states = report.around  # of the time around the peak
     terms = report.load.terms(states)
     torques = [report.load.drive_torques(values)[:, k] for values in terms.values()]
     time, *parts = _break_at_gaps(states.time, report.gaps.threshold, *torques)
@@ -207,16 +230,17 @@ def _draw_contributions(axis: style.Axes, report: TorqueReport, k: int) -> None:
     axis.plot(time, np.sum(parts, axis=0), color=style.INK, linewidth=1.3, label="total")
     axis.axhline(0, color=style.AXIS, linewidth=0.7)
     axis.axvline(joint.time, color=style.INK, linewidth=0.8, linestyle=":")
-    _frame_limits(axis, joint, float(np.nanmin(below)), float(np.nanmax(above)), max_min_range=report.scale)
+    low, high = float(np.nanmin(below)), float(np.nanmax(above))
+    _set_torque_range(axis, joint, low, high, max_half_range=report.scale)
     title = f"{joint.joint}: contributions to its torque"
     if report.is_zero(joint.largest):
         title = f"{joint.joint}: no torque to give"
     if len(states) != report.rows:  # the picture shows a part of the motion
         title += f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
-    peak = report.label(joint.peak)
+    peak_text = report.label(joint.peak)
     if report.noisy:
-        peak += f" ± {deviation(report.reach(joint))}"
-    style.titles(axis, title, f"peak {peak} {joint.unit} at {seconds(joint.time)} s")
+        peak_text += f" ± {deviation(report.reach(joint))}"
+    style.titles(axis, title, f"peak {peak_text} {joint.unit} at {seconds(joint.time)} s")
     axis.set_xlabel("time [s]")
     axis.set_ylabel(torque_word(joint.unit))
     axis.margins(x=0)
@@ -224,7 +248,9 @@ def _draw_contributions(axis: style.Axes, report: TorqueReport, k: int) -> None:
 
 
 _MAX_PANELS_PER_ROW = 3
-"""Maximum number of panels of motors in a row. Modern Robotics figure 8.10 has their operating points."""
+"""Maximum number of motor panels in a row. Modern Robotics figure 8.10 shows such operating points."""
+_MOTOR_WIDTH, _MOTOR_HEIGHT = 3.6, 2.7  # of a panel [in]
+_TEMPERATURES_HEIGHT = 2.5
 
 
 def plot_motors(report: TorqueReport, path: str | Path) -> Path:
@@ -239,25 +265,29 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
     -------
     path : Path of the written file
     """
-    motors, title = report.motors, f"{report_title(report)} · motors"
-    rows, columns = style.panel_grid(len(motors), _MAX_PANELS_PER_ROW)
-    with style.figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors") as drawn:
-        axes = style.panels(drawn, len(motors), _MAX_PANELS_PER_ROW)
-        handle_by_label: dict[str, Any] = {}
-        for axis, motor in zip(axes, motors, strict=True):
-            points = _draw_motor(axis, motor, (report.begin, report.end))
-            handle_by_label |= _legend_entries(axis)
-        _label_motor_axes(axes, columns)
-        drawn.colorbar(points, ax=axes, label="time [s]", shrink=0.8, aspect=35)
-        labels = list(handle_by_label)
-        drawn.legend(list(handle_by_label.values()), labels, loc="outside lower left", ncols=4, markerscale=3)
+    title = f"{report_title(report)} · motors"
+    rows, columns = style.panel_grid(len(report.motors), _MAX_PANELS_PER_ROW)
+    width = _MOTOR_WIDTH * columns + 0.6  # with the colour bar
+    height = _MOTOR_HEIGHT * rows + 1.0  # with title and legend
+    with style.figure(width, height, title, "Drawing the motors") as drawn:
+        spans = [(report.begin, report.end)] * len(report.motors)
+        _draw_motors(drawn, report.motors, spans, columns)
         return style.save(drawn, path)
 
 
-def _legend_entries(axis: Any) -> dict[str, Any]:
-    """Handles of an axis by label; panels of motors share one legend."""
-    handles, labels = axis.get_legend_handles_labels()
-    return dict(zip(labels, handles, strict=True))
+def _draw_motors(figure: Any, motors: Sequence[MotorUse], spans: Sequence[tuple[float, float]], columns: int) -> None:
+    """Draw a panel for each motor, with the times of its span as colours, and one legend and colour bar for all."""
+    axes = style.panels(figure, len(motors), _MAX_PANELS_PER_ROW)
+    points_of_motors = []
+    handle_by_label: dict[str, Any] = {}
+    for axis, motor, span in zip(axes, motors, spans, strict=True):
+        points_of_motors.append(_draw_motor(axis, motor, span))
+        handles, labels = axis.get_legend_handles_labels()
+        handle_by_label |= dict(zip(labels, handles, strict=True))
+    _label_motor_axes(axes, columns)
+    figure.colorbar(points_of_motors[-1], ax=axes, label="time [s]", shrink=0.8, aspect=35)
+    handles = list(handle_by_label.values())
+    figure.legend(handles, list(handle_by_label), loc="outside lower left", ncols=4, markerscale=3)
 
 
 def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
@@ -274,18 +304,14 @@ def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
     """
     joints = list(sizing.joints.values())
     rows, columns = style.panel_grid(len(joints), _MAX_PANELS_PER_ROW)
-    width, height = 3.6 * columns + 0.6, 2.7 * rows + 0.8
-    with style.figure(width, height + 2.6, "Motors over the cycle", "Drawing the drives") as drawn:
-        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 2.5]))
-        axes = style.panels(upper, len(joints), _MAX_PANELS_PER_ROW)
-        handle_by_label: dict[str, Any] = {}
-        for axis, joint in zip(axes, joints, strict=True):
-            points = _draw_motor(axis, _motor_use(sizing, joint), (0.0, float(joint.cycle.time[-1])))
-            handle_by_label |= _legend_entries(axis)
-        _label_motor_axes(axes, columns)
-        upper.colorbar(points, ax=axes, label="time [s]", shrink=0.8, aspect=35)
-        labels = list(handle_by_label)
-        upper.legend(list(handle_by_label.values()), labels, loc="outside lower left", ncols=4, markerscale=3)
+    width = _MOTOR_WIDTH * columns + 0.6  # with the colour bar
+    motors_height = _MOTOR_HEIGHT * rows + 0.8  # with the legend
+    height = motors_height + (_TEMPERATURES_HEIGHT + 0.1)
+    with style.figure(width, height, "Motors over the cycle", "Drawing the drives") as drawn:
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[motors_height, _TEMPERATURES_HEIGHT]))
+        motors = [_motor_use(sizing, joint) for joint in joints]
+        spans = [(0.0, float(joint.cycle.time[-1])) for joint in joints]
+        _draw_motors(upper, motors, spans, columns)
         _draw_temperatures(lower.subplots(), joints)
         return style.save(drawn, path)
 
@@ -299,33 +325,40 @@ def _label_motor_axes(axes: list[Any], columns: int) -> None:
 
 
 def _motor_use(sizing: Sizing, joint: SizedJoint) -> MotorUse:
-    """Motor of a sized joint in the form of the motor report."""
-    motor = hot_motor(sizing.catalog.motors[joint.drive[0]].motor, sizing.problem.ambient)
-    limited = tuple(demand for demand in joint.motor.demands if math.isfinite(demand.limit))
-    heat = motor.resistance * joint.motor.rms_current**2
-    power = float(joint.motor.power.max())
-    time = np.linspace(0.0, joint.cycle.time[-1], 2 * len(joint.cycle.time))  # uniform in time, for time averages
-    speed = np.interp(time, joint.cycle.time, joint.motor.speed)
-    torque = np.interp(time, joint.cycle.time, joint.motor.torque)
-    return MotorUse(joint.joint, motor, limited, power, heat, time, speed, torque)
+    """Demands on the motor of a sized joint, in the form of the motor report."""
+    motor_name, _ = joint.drive
+    motor = hot_motor(sizing.catalog.motors[motor_name].motor, sizing.problem.ambient)
+    limited_demands = tuple(demand for demand in joint.motor.demands if math.isfinite(demand.limit))
+    cycle_time = joint.cycle.time
+    time = np.linspace(0.0, cycle_time[-1], 2 * len(cycle_time))  # uniform in time, for time averages
+    return MotorUse(
+        joint=joint.joint,
+        motor=motor,
+        demands=limited_demands,
+        power=float(joint.motor.power.max()),
+        heat=motor.resistance * joint.motor.rms_current**2,
+        time=time,
+        speed=np.interp(time, cycle_time, joint.motor.speed),
+        torque=np.interp(time, cycle_time, joint.motor.torque),
+    )
 
 
 def _draw_temperatures(axis: style.Axes, joints: list[SizedJoint]) -> None:
     """Draw winding temperatures over one period of the repeated cycle."""
-    with_thermal_data = []
+    joints_with_temperatures = []
     for joint in joints:
         temperatures = joint.motor.temperature
         if temperatures.size and np.isfinite(temperatures).all():
-            with_thermal_data.append(joint)
-    for k, joint in enumerate(with_thermal_data):
-        temperature = joint.motor.temperature[:, 0]  # of the winding
-        time = np.linspace(0.0, 1.0, len(temperature)) * joint.cycle.time[-1]
-        if len(temperature) == len(joint.cycle.time):
-            time = joint.cycle.time
-        axis.plot(time, temperature, color=style.SERIES[k % len(style.SERIES)], label=joint.joint)
+            joints_with_temperatures.append(joint)
+    for k, joint in enumerate(joints_with_temperatures):
+        winding_temperature = joint.motor.temperature[:, 0]
+        time = joint.cycle.time
+        if len(winding_temperature) != len(time):  # temperatures at times of their own, evenly spaced
+            time = np.linspace(0.0, 1.0, len(winding_temperature)) * time[-1]
+        axis.plot(time, winding_temperature, color=style.SERIES[k % len(style.SERIES)], label=joint.joint)
     axis.set_xlabel("time in the cycle [s]")
     axis.set_ylabel("winding [°C]")
-    if with_thermal_data:
+    if joints_with_temperatures:
         axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     else:
         style.titles(axis, "no thermal data")
@@ -335,21 +368,32 @@ def _draw_motor(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> A
     """Draw the capability of a motor, and the motion as points coloured by the time of ``span``; returns the points."""
     motor, speed, torque = use.motor, use.speed, use.torque
     max_speed = float(np.abs(speed).max(initial=0.0))
-    speed_limit = min(motor.voltage / motor.torque_constant, motor.speed)
+    no_load_speed = motor.voltage / motor.torque_constant
+    speed_limit = min(no_load_speed, motor.speed)  # rad/s; motor.speed is the rated maximum
     if not math.isfinite(speed_limit):
         speed_limit = 1.5 * max_speed
-    top = 1.05 * max(max_speed, speed_limit) or 1.0  # 1 for a motor at rest, whose axis needs a length
-    w = np.linspace(-top, top, 401)
+    speed_range = 1.05 * max(max_speed, speed_limit)
+    if speed_range == 0.0:  # a motor at rest, whose axis needs a length
+        speed_range = 1.0
+    w = np.linspace(-speed_range, speed_range, 401)  # rotor speeds of the region's edges [rad/s]
     currents = [current for current in (motor.current_continuous, motor.current_peak) if math.isfinite(current)]
     max_motor_torque = motor.torque_constant * max(currents, default=0.0)
-    reach = 1.1 * max(max_motor_torque, float(np.abs(torque).max(initial=0.0))) or 1.0
-    regions = ((motor.current_peak, style.SHORT, "intermittent"), (motor.current_continuous, style.LONG, "continuous"))
+    max_torque_of_motion = float(np.abs(torque).max(initial=0.0))
+    torque_range = 1.1 * max(max_motor_torque, max_torque_of_motion)
+    if torque_range == 0.0:
+        torque_range = 1.0
+    regions = (  # current, colour, name
+        (motor.current_peak, style.SHORT, "intermittent"),
+        (motor.current_continuous, style.LONG, "continuous"),
+    )
     for current, colour, name in regions:
-        high = np.clip(motor.greatest_torque(w, current), -reach, reach)
-        low = -np.clip(motor.greatest_torque(-w, current), -reach, reach)
-        axis.fill_between(w, low, high, where=(high > low).tolist(), color=colour, linewidth=0)
-        axis.text(
-            0.97 * w[np.argmax(high > low)],
+        high = np.clip(motor.greatest_torque(w, current), -torque_range, torque_range)
+        low = -np.clip(motor.greatest_torque(-w, current), -torque_range, torque_range)  # same limits in reverse
+        is_inside = high > low
+        axis.fill_between(w, low, high, where=is_inside.tolist(), color=colour, linewidth=0)
+        lowest_speed = w[np.argmax(is_inside)]  # the first that is inside
+        axis.text(  # in the upper left corner of the region
+            0.97 * lowest_speed,
             0.96 * high.max(),
             name,
             va="top",
@@ -357,22 +401,24 @@ def _draw_motor(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> A
             color=style.AXIS,
         )
     max_torque, max_reverse = motor.greatest_torque(speed), motor.greatest_torque(-speed)
-    within_torque = torque <= max_torque + margin(max_torque)
-    within = np.asarray(within_torque & (-torque <= max_reverse + margin(max_reverse)))
+    is_within_torque = torque <= max_torque + margin(max_torque)
+    is_within_reverse = -torque <= max_reverse + margin(max_reverse)
+    is_beyond = np.asarray(~(is_within_torque & is_within_reverse))
     by_time: dict[str, Any] = {"c": use.time, "cmap": style.time_colours(), "vmin": span[0], "vmax": span[1]}
     points = axis.scatter(speed, torque, s=3, linewidths=0, label="this motion", zorder=3, rasterized=True, **by_time)
-    if not within.all():
-        axis.plot(speed[~within], torque[~within], ".", color=style.OVER, markersize=3, label="beyond the motor")
+    if is_beyond.any():
+        axis.plot(speed[is_beyond], torque[is_beyond], ".", color=style.OVER, markersize=3, label="beyond the motor")
     rms = math.sqrt(float(np.mean(torque**2)))
     for level, label in ((rms, "rms torque, either way"), (-rms, None)):
         axis.axhline(level, color=style.INK, linewidth=0.8, linestyle=(0, (4, 3)), label=label)
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
     axis.axvline(0, color=style.QUIET, linewidth=0.6)
-    axis.set_xlim(-top, top)
-    axis.set_ylim(-reach, reach)
+    axis.set_xlim(-speed_range, speed_range)
+    axis.set_ylim(-torque_range, torque_range)
     axis.locator_params(axis="x", nbins=5)
     remark = ""
-    if use.tightest.share:
-        remark = f"{use.tightest.what} {percent_of_limit(use.tightest.share)}"
+    tightest_demand = use.tightest
+    if tightest_demand.share:  # nothing to say of a motor without load
+        remark = f"{tightest_demand.what} {percent_of_limit(tightest_demand.share)}"
     style.titles(axis, use.joint, remark, style.OVER if use.too_small else style.QUIET)
     return points
