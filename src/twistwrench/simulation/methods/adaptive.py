@@ -279,7 +279,7 @@ class _DueSteps:
             t, h, evaluations_of_step, rejected_of_step = self.steps[j]
             rows = slice(first_row[j], first_row[j + 1])
             row_before = first_row[j] + j  # gaps have one row more for each step before, and one at the beginning
-            run.detector.stand(gaps[row_before], margins[row_before])
+            run.detector.store_values(gaps[row_before], margins[row_before])
             points = list(zip(since[rows].tolist(), between[rows], strict=True))
             run.rate[:] = trials.rates[j, 0]
             state_at = run.along(t, before[j])
@@ -297,7 +297,7 @@ class _DueSteps:
             run.keep_all(starts[k[kept]] + since[kept], between[kept])
             run.finish(t, end, state_at)
             return True
-        run.detector.stand(gaps[-1], margins[-1])
+        run.detector.store_values(gaps[-1], margins[-1])
         return False
 
 
