@@ -1,9 +1,9 @@
 """Long programs as several functions, the partitions, in modules of a few: compiled in linear time and memory.
 
-A *block* is the group of samples that the lanes of a vector evaluate together. Values that a later partition uses and all result
-entries are stored in a frame, :class:`~.spill_frame.SpillFrame`. At the end of a block, a loop writes rows of results from the
-frame, tile by tile. With one lane, result entries are stored directly in their rows. Instructions and their order are unchanged,
-so results have the same bits as without partitions.
+A *block* is the group of samples that the lanes of a vector evaluate together. Values that a later partition uses, and all
+result entries, are stored in a frame, :class:`~.spill_frame.SpillFrame`. At the end of a block, a loop writes rows of results
+from the frame, tile by tile. With one lane, result entries are stored directly in their rows. Instructions and their order do
+not change, so results have the same bits as without partitions.
 """
 
 from __future__ import annotations
