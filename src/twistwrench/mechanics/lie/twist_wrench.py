@@ -37,7 +37,7 @@ class Twist(Labelled):
 
     _kind: ClassVar[str] = "twist"
     _letter: ClassVar[str] = "V"
-    _halves = (("omega", "rad/s"), ("v", "m/s"))
+    _names_and_units = (("omega", "rad/s"), ("v", "m/s"))
 
     @property
     def omega(self) -> Array:
@@ -103,7 +103,7 @@ class Wrench(Labelled):
 
     _kind: ClassVar[str] = "wrench"
     _letter: ClassVar[str] = "F"
-    _halves = (("m", "N m"), ("f", "N"))
+    _names_and_units = (("m", "N m"), ("f", "N"))
 
     @classmethod
     def of_force(cls, f: ArrayLike, frame: str, at: ArrayLike = (0.0, 0.0, 0.0)) -> Wrench:
