@@ -1,8 +1,8 @@
 """Newton–Euler inverse dynamics on trees (MR section 8.3), and its regressor.
 
-The laws of Newton and Euler hold in every inertial frame. Each body has its own one: the frame that at this instant moves with
-the body's origin. In it v = 0, and the linear part of dV is the ordinary acceleration ``a`` of the origin. So (8.51)–(8.53) lose
-a third of their terms. The acceleration of a body point at r is ``a + U r`` with
+The laws of Newton and Euler hold in every inertial frame. Each body has its own: the frame that at this instant moves with the
+body's origin. In it v = 0, and the linear part of dV is the ordinary acceleration ``a`` of the origin. So (8.51)–(8.53) lose a
+third of their terms. The acceleration of a body point at r is ``a + U r`` with
 
     U = [dw] + [w]²,      the upper left block of  T⁻¹ T̈ = [dV] + [V]².
 """
