@@ -41,9 +41,8 @@ def body_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tupl
     T_bd = se3.inverse(T) @ T_d
     R, p = T_bd[:3, :3], T_bd[:3, 3]
     V_bd, dV_bd = _transform_twist(R, p, V_d), _transform_twist(R, p, dV_d)
-    bracket = np.concatenate(
-        [so3.cross(V[:3], V_bd[:3]), so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])]
-    )  # [V, V_bd]
+    linear_part = so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])
+    bracket = np.concatenate([so3.cross(V[:3], V_bd[:3]), linear_part])  # [V, V_bd]
     return se3.log(T_bd), V_bd - V, dV_bd - bracket
 
 
