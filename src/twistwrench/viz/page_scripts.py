@@ -38,7 +38,7 @@ def script_names(data: Mapping[str, Any]) -> list[str]:
     for key, names_of_entry in _SCRIPTS_BY_ENTRY.items():
         if data[key]:
             names += names_of_entry
-    return [*names, "page.js"]  # the last one, as it uses all others
+    return [*names, "page.js"]
 
 
 def page_style(*, section: bool) -> str:
@@ -69,5 +69,5 @@ def joined_script(names: Iterable[str]) -> str:
 def _without_comment(match: re.Match[str]) -> str:
     """Code before the slashes; the whole line if the slashes are within a text, after an odd number of quotation marks."""
     code = match[1]
-    is_after_text = all(code.count(quote) % 2 == 0 for quote in "\"'`")
-    return code if is_after_text else match[0]
+    is_outside_text = all(code.count(quote) % 2 == 0 for quote in "\"'`")
+    return code if is_outside_text else match[0]
