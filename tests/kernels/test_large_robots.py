@@ -68,7 +68,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_0
     """The kernel in one function, and the kernel in sections of so many instructions, five to a module."""
     whole = make_ufunc(program, "whole", "")
     whole(*states(program, 1, np.float32))  # single precision is compiled at its first call
-    for name, value in (("MAX_INSTRUCTIONS", 0), ("PARTITION", section), ("EACH", 5)):
+    for name, value in (("MAX_INSTRUCTIONS", 0), ("PARTITION", section), ("PARTITIONS_PER_MODULE", 5)):
         monkeypatch.setattr(lower if name == "MAX_INSTRUCTIONS" else partition, name, value)
     monkeypatch.setattr(batch_loop, "ON_STACK", on_stack)
     cut = make_ufunc(program, "cut", "")
@@ -411,7 +411,7 @@ def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
 
 def test_codes_of_several_modules_come_from_the_cache(bundled, monkeypatch):
     program = bundled("planar_2r").program("forward_dynamics")
-    for name, value in (("MAX_INSTRUCTIONS", 0), ("PARTITION", 10), ("EACH", 2)):
+    for name, value in (("MAX_INSTRUCTIONS", 0), ("PARTITION", 10), ("PARTITIONS_PER_MODULE", 2)):
         monkeypatch.setattr(lower if name == "MAX_INSTRUCTIONS" else partition, name, value)
     modules = list(lower.modules(program, DOUBLE, host()))
     assert len(modules) > 2

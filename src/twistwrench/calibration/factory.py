@@ -38,19 +38,19 @@ from .write import write_geometry
 if TYPE_CHECKING:
     from ..core.answers.page import Setting
 
-_JOINTS = 6
+_JOINT_COUNT = 6
 _ALPHA = np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0]) * np.pi / 2
 """Angles α between successive axes of the nominal table [rad]."""
 _MAX_AXIS_DIFFERENCE = 1e-5
-"""Largest difference of an entry of a screw axis from the table's."""
+"""Largest difference of an entry of a robot's screw axis from that of the table [rad/rad or m/rad]."""
 _MAX_AXIS_SHIFT = 20e-3
 """Shift [m] of an axis above which the corrections are of another model."""
-_CONFIGURATIONS = 500
+_CONFIGURATION_COUNT = 500
 """Number of configurations of the mean displacement."""
-_LISTS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
+_CORRECTION_NAMES = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
 """Entries of ``calibration.conf``: corrections of θ, d, a and α."""
-_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-"""Entries of the YAML: poses of the joints' frames in their predecessors, which turn about z."""
+_LINK_NAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+"""Entries of the YAML: poses of the joints' frames, each in the frame before it. Joints rotate about z."""
 _MAX_FLANGE_DIFFERENCE = 5e-3
 """Largest difference [m] between the flange's distance in the YAML and that of a frame of the robot."""
 
@@ -92,22 +92,22 @@ def factory(robot: Robot, path: str | Path) -> Robot:
     """
     chain = TipChain.from_robot(robot)
     file = as_path(path)
-    if len(chain.joints) != _JOINTS or not all(chain.turning):
+    if len(chain.joints) != _JOINT_COUNT or not all(chain.turning):
         raise ModelError(
             f"robot {robot.name!r} has not the six turning joints of a UR, so its factory calibration means nothing."
         )
-    nominal_frames, (d, a) = _nominal_table(chain)
+    nominal_frames, d, a = _nominal_table(chain)
     if file.suffix.lower() in (".yaml", ".yml"):
-        placements = _placements(file)
-        nominal_frames[_JOINTS] = _flange_frame(chain, nominal_frames, placements[-1])
+        placements = _joint_placements(file)
+        nominal_frames[_JOINT_COUNT] = _flange_frame(chain, nominal_frames, placements[-1])
         frames = _frames_of_placements(nominal_frames[0], placements)
-    else:
-        delta_theta, delta_d, delta_a, delta_alpha = _corrections(file)
+    else:  # calibration.conf
+        delta_theta, delta_d, delta_a, delta_alpha = _table_corrections(file)
         frames = _frames_of_table(nominal_frames[0], delta_theta, d + delta_d, a + delta_a, _ALPHA + delta_alpha)
-    shift = max(_axis_shift(before, after) for before, after in zip(nominal_frames, frames, strict=True))
-    if shift > _MAX_AXIS_SHIFT:
+    max_shift = max(_axis_shift(before, after) for before, after in zip(nominal_frames, frames, strict=True))
+    if max_shift > _MAX_AXIS_SHIFT:
         raise ModelError(
-            f"{file}: the corrections move an axis of {robot.name!r} by {number(1e3 * shift, 3)} mm; some mm are usual. "
+            f"{file}: the corrections move an axis of {robot.name!r} by {number(1e3 * max_shift, 3)} mm; some mm are usual. "
             "Were they made for another model? Load that one."
         )
     return _with_frames(chain, nominal_frames, frames)
@@ -120,7 +120,7 @@ class FactoryCalibration(Answer):
     Examples
     --------
     >>> import tempfile, twistwrench as tw
-    >>> lists = "\n".join(f"{name} = [0, 0, 0, 0, 0, 0]" for name in _LISTS)
+    >>> lists = "\n".join(f"{name} = [0, 0, 0, 0, 0, 0]" for name in _CORRECTION_NAMES)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder, "calibration.conf")
     ...     count = path.write_text(f"[mounting]\n{lists}\n")
@@ -165,10 +165,11 @@ class FactoryCalibration(Answer):
     @cached_property
     def displacement(self) -> float:
         """Displacement of the frame [m], root mean square over 500 configurations."""
-        q = self.original.random_configuration(0, _CONFIGURATIONS)
-        before = np.asarray(self.original.forward_kinematics(q, frame=self.frame))[:, :3, 3]
-        after = np.asarray(self.robot.forward_kinematics(q, frame=self.frame))[:, :3, 3]
-        return float(np.sqrt(((after - before) ** 2).sum(axis=1).mean()))
+        q = self.original.random_configuration(0, _CONFIGURATION_COUNT)
+        poses = np.asarray(self.original.forward_kinematics(q, frame=self.frame))
+        calibrated_poses = np.asarray(self.robot.forward_kinematics(q, frame=self.frame))
+        displacements = calibrated_poses[:, :3, 3] - poses[:, :3, 3]
+        return float(np.sqrt((displacements**2).sum(axis=1).mean()))
 
     @property
     def verdict(self) -> Verdict:
@@ -223,32 +224,32 @@ class FactoryCalibration(Answer):
         return write_geometry(self.original, self.robot, self.frame, path, summary)
 
 
-def _nominal_table(chain: TipChain) -> tuple[list[Array], tuple[Array, Array]]:
+def _nominal_table(chain: TipChain) -> tuple[list[Array], Array, Array]:
     """Frames before each joint and after the last, and d and a (6,) of the nominal table, from the robot's own axes."""
     S = np.array([np.asarray(Ad(T).matrix) @ s for T, s in zip(_link_frames(chain), chain.screws, strict=True)])
     axis_points = np.cross(S[:, :3], S[:, 3:])  # of each axis, nearest to the base's origin
-    z, x_normal = S[0, :3], S[1, :3]
-    R = np.column_stack([np.cross(-x_normal, z), -x_normal, z])
+    z, minus_y = S[0, :3], S[1, :3]  # of the table's first frame: directions of the first two axes
+    R = np.column_stack([np.cross(-minus_y, z), -minus_y, z])
     X = np.asarray(se3.pose(R, axis_points[0] - z * (z @ axis_points[0])))
-    p = (axis_points - X[:3, 3]) @ R
+    p = (axis_points - X[:3, 3]) @ R  # in the table's first frame
     a = np.array([0.0, p[2, 0] - p[1, 0], p[3, 0] - p[2, 0], 0.0, 0.0, 0.0])
     d = np.array([p[1, 2], 0.0, 0.0, -p[4, 1], p[3, 2] - p[5, 2], 0.0])
-    frames = _frames_of_table(X, np.zeros(_JOINTS), d, a, _ALPHA)
+    frames = _frames_of_table(X, np.zeros(_JOINT_COUNT), d, a, _ALPHA)
     differences = []
-    for T, screw in zip(frames[:_JOINTS], S, strict=True):
+    for T, screw in zip(frames[:_JOINT_COUNT], S, strict=True):
         table_screw = np.asarray(Ad(T).matrix)[:, 2]  # rotation about the frame's z axis
         differences.append(float(np.abs(table_screw - screw).max()))
-    difference = max(differences)
-    if not difference < _MAX_AXIS_DIFFERENCE:
+    max_difference = max(differences)
+    if not max_difference < _MAX_AXIS_DIFFERENCE:  # also true for NaN
         raise ModelError(
             f"robot {chain.robot.name!r} has not the geometry of a UR: "
-            f"an axis differs by {number(difference, 2)} from the table's."
+            f"an axis differs by {number(max_difference, 2)} from the table's."
         )
-    return frames, (d, a)
+    return frames, d, a
 
 
 def _link_frames(chain: TipChain) -> list[Array]:
-    """Frames of the links at zero of all joints."""
+    """Poses (4, 4) of the links' frames in the base, with all joints at zero."""
     T = np.eye(4)
     frames = list[Array]()
     for P in chain.placements:
@@ -258,9 +259,9 @@ def _link_frames(chain: TipChain) -> list[Array]:
 
 
 def _frames_of_table(X: Array, theta: Array, d: Array, a: Array, alpha: Array) -> list[Array]:
-    """Frames before each joint, which turns about z, and after the last; successive by Rz(θ) Tz(d) Tx(a) Rx(α) from X."""
+    """Frames before each joint, which rotates about z, and after the last: X, then each by Rz(θ) Tz(d) Tx(a) Rx(α)."""
     frames = [X]
-    for i in range(_JOINTS):
+    for i in range(_JOINT_COUNT):
         screw_along_z = np.array([0, 0, theta[i], 0, 0, d[i]])
         screw_along_x = np.array([alpha[i], 0, 0, a[i], 0, 0])
         frames.append(frames[-1] @ np.asarray(se3.exp(screw_along_z)) @ np.asarray(se3.exp(screw_along_x)))
@@ -268,7 +269,7 @@ def _frames_of_table(X: Array, theta: Array, d: Array, a: Array, alpha: Array) -
 
 
 def _frames_of_placements(base: Array, placements: list[Array]) -> list[Array]:
-    """Frames of the joints from their placements, the first in ``base``, and after the last, as which the last counts.
+    """Frames of the joints from their placements, the first in ``base``; the last frame is repeated as that after the last.
 
     Without corrections the placements are Tx(a) Rx(α) Rz(θ) Tz(d) of the table, with the distance d_6 of the flange.
     """
@@ -279,55 +280,59 @@ def _frames_of_placements(base: Array, placements: list[Array]) -> list[Array]:
 
 
 def _flange_frame(chain: TipChain, nominal_frames: list[Array], last_placement: Array) -> Array:
-    """Last frame of the nominal table moved along the last axis to the flange, where the last placement has its frame.
+    """Last frame of the nominal table, moved along the last axis to the flange, since the YAML counts d_6 up to there.
 
-    The flange is the robot's frame on the last link at the distance that the placement has; raises ModelError without one.
+    The flange is the robot's frame on the last link whose distance along the last axis is that of the last placement.
+    Raises ModelError if there is none.
     """
-    distance = float(last_placement[:3, 2] @ last_placement[:3, 3])
+    expected_distance = float(last_placement[:3, 2] @ last_placement[:3, 3])
     last_body = chain.bodies[-1]
-    link_in_table = np.asarray(se3.inverse(nominal_frames[_JOINTS - 1])) @ _link_frames(chain)[-1]
+    link_in_table = np.asarray(se3.inverse(nominal_frames[_JOINT_COUNT - 1])) @ _link_frames(chain)[-1]
     poses_on_link = [frame.pose for frame in chain.robot.model.frames.values() if frame.body == last_body]
     distances = [float((link_in_table @ pose)[2, 3]) for pose in poses_on_link]  # along the last axis
-    flange = min(distances, key=lambda frame_distance: abs(frame_distance - distance))
-    if abs(flange - distance) > _MAX_FLANGE_DIFFERENCE:
+    distance = min(distances, key=lambda candidate: abs(candidate - expected_distance))
+    if abs(distance - expected_distance) > _MAX_FLANGE_DIFFERENCE:
         raise ModelError(
-            f"robot {chain.robot.name!r} has no frame at the flange, {number(1e3 * distance)} mm along the last axis; "
-            f"the nearest is at {number(1e3 * flange)} mm. Was the calibration made for another model? Load that one."
+            f"robot {chain.robot.name!r} has no frame at the flange, {number(1e3 * expected_distance)} mm along the last axis; "
+            f"the nearest is at {number(1e3 * distance)} mm. Was the calibration made for another model? Load that one."
         )
-    return nominal_frames[_JOINTS] @ np.asarray(se3.exp(np.array([0, 0, 0, 0, 0, flange])))
+    shift_along_z = np.array([0, 0, 0, 0, 0, distance])
+    return nominal_frames[_JOINT_COUNT] @ np.asarray(se3.exp(shift_along_z))
 
 
-def _axis_shift(old: Array, new: Array) -> float:
+def _axis_shift(old_frame: Array, new_frame: Array) -> float:
     """Distance [m] of the old frame's origin from the z axis of the new frame."""
-    z = new[:3, 2]
-    difference = new[:3, 3] - old[:3, 3]
+    z = new_frame[:3, 2]
+    difference = new_frame[:3, 3] - old_frame[:3, 3]
     return float(np.linalg.norm(difference - z * (z @ difference)))
 
 
-def _with_frames(chain: TipChain, old: Sequence[Array], new: Sequence[Array]) -> Robot:
-    """Robot whose axes are those of the new frames, and whose tip moves as the last frame of the table does."""
+def _with_frames(chain: TipChain, old_frames: Sequence[Array], new_frames: Sequence[Array]) -> Robot:
+    """Robot whose axes are z of the new frames, and whose tip moves as the last frame of the table does."""
     link_frames = _link_frames(chain)
     moved_frames = [np.eye(4)]  # of the base and of the links
-    for link_frame, screw, T in zip(link_frames, chain.screws, new[:_JOINTS], strict=True):
+    for link_frame, screw, T in zip(link_frames, chain.screws, new_frames[:_JOINT_COUNT], strict=True):
         R, p = link_frame[:3, :3], link_frame[:3, 3]
         old_axis = R @ screw[:3]
         new_axis, new_point = T[:3, 2], T[:3, 3]
-        if not new_axis @ old_axis > 0:
+        if not new_axis @ old_axis > 0:  # the robot file has the axis in the opposite direction
             new_axis = -new_axis
         cross = np.cross(old_axis, new_axis)
         sine = float(np.linalg.norm(cross))
         rotation = np.eye(3)  # the smallest one that turns the old axis to the new one
         if sine > 0:
-            rotation = so3.exp(cross / sine * np.arctan2(sine, old_axis @ new_axis))
+            angle = np.arctan2(sine, old_axis @ new_axis)
+            rotation = so3.exp(cross / sine * angle)
         nearest_point = new_point + new_axis * (new_axis @ (p - new_point))  # of the new axis
         moved_frames.append(np.asarray(se3.pose(rotation @ R, nearest_point)))
-    tip = new[_JOINTS] @ np.asarray(se3.inverse(old[_JOINTS])) @ link_frames[-1] @ chain.start.tip
+    motion_of_last_frame = new_frames[_JOINT_COUNT] @ np.asarray(se3.inverse(old_frames[_JOINT_COUNT]))
+    tip = motion_of_last_frame @ link_frames[-1] @ chain.start.tip
     model = chain.robot.model
     bodies = list(model.bodies)
     for i, before, after in zip(chain.bodies, moved_frames[:-1], moved_frames[1:], strict=True):
         bodies[i] = replace(bodies[i], placement=np.asarray(se3.inverse(before)) @ after)
     named_frames = dict(model.frames)
-    if chain.frame != bodies[chain.bodies[-1]].link:  # a moving link's frame stays on its joint
+    if chain.frame != bodies[chain.bodies[-1]].link:  # the frame of the moving link itself stays on its joint
         tip_in_link = np.asarray(se3.inverse(moved_frames[-1])) @ tip
         named_frames[chain.frame] = replace(named_frames[chain.frame], pose=tip_in_link)
     return Robot(replace(model, bodies=tuple(bodies), frames=named_frames))
@@ -336,8 +341,8 @@ def _with_frames(chain: TipChain, old: Sequence[Array], new: Sequence[Array]) ->
 # ── Files
 
 
-def _corrections(path: Path) -> list[Array]:
-    """Corrections of θ, d, a and α (6,) of ``calibration.conf``."""
+def _table_corrections(path: Path) -> list[Array]:
+    """Corrections of θ, d, a and α, each (6,), of ``calibration.conf``."""
     try:
         text = read_text(path)
     except FileNotFoundError:
@@ -349,37 +354,38 @@ def _corrections(path: Path) -> list[Array]:
     parser = configparser.ConfigParser(inline_comment_prefixes=("#",), interpolation=None)
     try:
         parser.read_string(text)
-        return [_numbers(parser["mounting"][name]) for name in _LISTS]
+        return [_numbers(parser["mounting"][name]) for name in _CORRECTION_NAMES]
     except (configparser.Error, KeyError, ValueError) as problem:
         raise RobotFileError(
             f"{path}: is not a calibration.conf of a UR ({str(problem).splitlines()[0]}). "
-            f"It has the lists {', '.join(_LISTS)} of six numbers below [mounting]."
+            f"It has the lists {', '.join(_CORRECTION_NAMES)} of six numbers below [mounting]."
         ) from None
 
 
-def _placements(path: Path) -> list[Array]:
+def _joint_placements(path: Path) -> list[Array]:
     """Poses (4, 4) of the joints in their predecessors, of UR's YAML: x, y, z, and fixed-axis roll, pitch, yaw."""
     content, _ = read_yaml(path, "factory calibration", "kinematics")
     try:
         links = Section(content, "").section("kinematics")
-        poses = [_pose_numbers(links.section(name)) for name in _LINKS]
+        entries = [_position_and_angles(links.section(name)) for name in _LINK_NAMES]
     except (KeyError, ModelError) as problem:
         raise RobotFileError(
             f"{path}: is not a kinematics file of a UR ({str(problem).splitlines()[0]}). "
-            f"It has x, y, z, roll, pitch and yaw of {', '.join(_LINKS)} below kinematics."
+            f"It has x, y, z, roll, pitch and yaw of {', '.join(_LINK_NAMES)} below kinematics."
         ) from None
-    return [np.asarray(se3.pose(rotation_of_rpy(pose[3:]), np.array(pose[:3]))) for pose in poses]
+    return [np.asarray(se3.pose(rotation_of_rpy(entry[3:]), np.array(entry[:3]))) for entry in entries]
 
 
-def _pose_numbers(entry: Section) -> list[float]:
-    """Position [m] and angles [rad] of one link's entry."""
+def _position_and_angles(entry: Section) -> list[float]:
+    """Position [m] and fixed-axis angles [rad] of one link's entry: six numbers."""
     return [entry.number(name, "") for name in ("x", "y", "z", "roll", "pitch", "yaw")]
 
 
 def _numbers(text: str) -> Array:
-    """Numbers (6,) of a list; raises ValueError for another text."""
-    numbers = np.array([float(entry) for entry in text.strip().strip("[]").split(",")])
-    if len(numbers) != _JOINTS or not np.isfinite(numbers).all():
+    """Six numbers of a list in brackets. Raises ValueError for another text."""
+    number_texts = text.strip().strip("[]").split(",")
+    numbers = np.array([float(number_text) for number_text in number_texts])
+    if len(numbers) != _JOINT_COUNT or not np.isfinite(numbers).all():
         raise ValueError(f"{len(numbers)} numbers")
     return numbers
 

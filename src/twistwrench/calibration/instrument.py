@@ -40,24 +40,25 @@ class _InstrumentError(NamedTuple):
     """Estimate of the scale error or of the offset of an instrument, with the file as a prior of its accuracy."""
 
     value: float
+    """Scale error [1] or offset [m]."""
     deviation: float
     """Standard deviation of the value."""
-    new: float
+    unspanned_share: float
     """Part of its column that columns of the fit do not span."""
-    left: float
-    """Residual (rms) with this error as a share of that without."""
+    residual_share: float
+    """Residual (rms) with this error as a share of the residual without it."""
 
 
 class Offered(NamedTuple):
     """Cause other than the geometry that explains the readings."""
 
     left: float
-    """Residual or held-out error (rms) with the cause as a share of that without."""
+    """Residual or held-out error (rms) with the cause as a share of that without it."""
     doubt: Doubt
 
 
 def instrument_doubts(found: CalibratedRobot) -> list[Offered]:
-    """Scale of all readings, or offset of distances: the one that is larger in its standard deviations."""
+    """Scale error of all readings or offset of distances, whichever is larger in its standard deviations; otherwise notes."""
     measured = found.fit.problem.measured
     candidates = list[tuple[float, Offered]]()  # with the size in standard deviations
     if all(measurement.kind in LENGTHS_MEASURED for measurement in measured):
@@ -70,7 +71,7 @@ def instrument_doubts(found: CalibratedRobot) -> list[Offered]:
         offset = _instrument_error(found, columns)
         length_deviation, _ = found.fit.deviations[index]
         candidates += _offset_error(offset, length_deviation)
-        if offset.new < _MIN_UNSPANNED_SHARE:
+        if offset.unspanned_share < _MIN_UNSPANNED_SHARE:
             notes.append(Offered(1.0, doubt("calibration-offset-unseen")))
     if candidates:
         _, largest = max(candidates, key=lambda candidate: candidate[0])
@@ -79,20 +80,21 @@ def instrument_doubts(found: CalibratedRobot) -> list[Offered]:
 
 
 def _scale_error(found: CalibratedRobot) -> Iterator[tuple[float, Offered]]:
-    """Scale of the readings against the file's lengths, and its size in standard deviations."""
+    """Scale error of the readings against the file's lengths, as size in standard deviations and cause; nothing if small."""
     columns = [-m.points if len(m.points) else -m.sizes[:, None] for m in found.fit.problem.measured]
     error = _instrument_error(found, columns)
     if abs(error.value) > max(_MIN_DEVIATIONS * error.deviation, _MIN_SCALE_ERROR):
-        scale, half_width = 1.0 / (1.0 + error.value), 2.0 * error.deviation
+        scale = 1.0 / (1.0 + error.value)
+        half_width = 2.0 * error.deviation
         reason = doubt(
             "calibration-scale", scale=f"{number(scale, 4)} ± {number(half_width, 1)}",
             found={"value": scale, "interval": (scale - half_width, scale + half_width)},
         )  # fmt: skip
-        yield abs(error.value) / error.deviation, Offered(error.left, reason)
+        yield abs(error.value) / error.deviation, Offered(error.residual_share, reason)
 
 
 def _offset_error(error: _InstrumentError, noise: float) -> Iterator[tuple[float, Offered]]:
-    """Offset of distances, and its size in standard deviations; ``noise`` is that of a reading [m]."""
+    """Offset of distances as size in standard deviations and cause; nothing if small. ``noise`` is that of a reading [m]."""
     if abs(error.value) > max(_MIN_DEVIATIONS * error.deviation, noise):
         half_width = 2.0 * error.deviation
         size = " ± ".join(estimate(1e3 * abs(error.value), 1e3 * half_width))
@@ -100,41 +102,50 @@ def _offset_error(error: _InstrumentError, noise: float) -> Iterator[tuple[float
             "calibration-offset", offset=f"{size} mm too {'long' if error.value > 0 else 'short'}",
             found={"value": error.value, "interval": (error.value - half_width, error.value + half_width)},
         )  # fmt: skip
-        yield abs(error.value) / error.deviation, Offered(error.left, reason)
+        yield abs(error.value) / error.deviation, Offered(error.residual_share, reason)
 
 
 def _instrument_error(found: CalibratedRobot, columns: Sequence[Array]) -> _InstrumentError:
-    """Estimate of the factor of further columns (m, 1 or 3), one for the lengths of each measurement."""
+    """Estimate of the factor of a further column: ``columns`` are its parts (m, 1 or 3) for the lengths of each measurement."""
     fit = found.fit
     A, y = fit.weighted_rows
-    weighted_columns = list[Array]()
-    for m, W, values in zip(fit.problem.measured, fit.weights, columns, strict=True):
-        column_of_rows = np.zeros(W.shape)
-        column_of_rows[:, m.angle_rows :] = values
-        weighted_columns.append((column_of_rows * W).ravel())
-    column = np.concatenate([*weighted_columns, np.zeros(len(fit.equations.lengths))])
-    kept = A[:, found.parameter_groups.independent_columns]
-    kept = kept / np.linalg.norm(kept, axis=0)
-    unspanned = column - kept @ np.linalg.lstsq(kept, column, rcond=None)[0]
+    weighted_parts = list[Array]()
+    for m, W, part in zip(fit.problem.measured, fit.weights, columns, strict=True):
+        part_of_rows = np.zeros(W.shape)
+        part_of_rows[:, m.angle_rows :] = part
+        weighted_parts.append((part_of_rows * W).ravel())
+    column = np.concatenate([*weighted_parts, np.zeros(len(fit.equations.lengths))])
+    basis = A[:, found.parameter_groups.independent_columns]
+    basis = basis / np.linalg.norm(basis, axis=0)
+    unspanned = _residual(basis, column)
     chain_values = fit.problem.chain.values(fit.state.corrections)
     values = np.concatenate([chain_values, np.zeros(len(fit.names) - len(chain_values))])
-    wide = found.remaining.wide
+    prior_deviations = found.remaining.wide
     # Zeros that are lost get a wide prior; lengths keep theirs, as they would hide a scale.
     is_zero = np.array([name.endswith(".zero") for name in fit.names])
-    wide = np.where(is_zero & (np.abs(values) > _MIN_LOST_OFFSET * wide), np.abs(values), wide)
-    rows, prior_rows = np.c_[A, column], np.c_[np.diag(1.0 / wide), np.zeros(len(wide))]
+    is_lost = is_zero & (np.abs(values) > _MIN_LOST_OFFSET * prior_deviations)
+    prior_deviations = np.where(is_lost, np.abs(values), prior_deviations)
+    rows = np.c_[A, column]
+    prior_rows = np.c_[np.diag(1.0 / prior_deviations), np.zeros(len(prior_deviations))]
     B = np.concatenate([rows, prior_rows])
-    x = np.linalg.lstsq(B, -np.concatenate([y, values / wide]), rcond=None)[0]
-    deviation = float(np.sqrt(np.linalg.inv(B.T @ B)[-1, -1]))
-    new = float(np.linalg.norm(unspanned) / np.linalg.norm(column))
-    residual = y - kept @ np.linalg.lstsq(kept, y, rcond=None)[0]
+    x, *_ = np.linalg.lstsq(B, -np.concatenate([y, values / prior_deviations]), rcond=None)
+    covariance = np.linalg.inv(B.T @ B)
+    deviation = float(np.sqrt(covariance[-1, -1]))
+    unspanned_share = float(np.linalg.norm(unspanned) / np.linalg.norm(column))
+    residual = _residual(basis, y)
     squares = float(residual @ residual)
-    explained_squares, left = 0.0, 1.0
-    if new > _MIN_UNSPANNED_SHARE:
+    explained_squares, residual_share = 0.0, 1.0
+    if unspanned_share > _MIN_UNSPANNED_SHARE:
         explained_squares = float(unspanned @ residual) ** 2 / float(unspanned @ unspanned)
     if squares > 0.0:
-        left = float(np.sqrt(max(1.0 - explained_squares / squares, 0.0)))
-    return _InstrumentError(float(x[-1]), deviation, new, left)
+        residual_share = float(np.sqrt(max(1.0 - explained_squares / squares, 0.0)))
+    return _InstrumentError(float(x[-1]), deviation, unspanned_share, residual_share)
+
+
+def _residual(columns: Array, y: Array) -> Array:
+    """Part of y (m,) that the columns (m, n) do not span."""
+    factors, *_ = np.linalg.lstsq(columns, y, rcond=None)
+    return np.asarray(y - columns @ factors)
 
 
 # ── Target or instrument that has moved between two readings
@@ -151,10 +162,10 @@ class _Step(NamedTuple):
     """First reading after the step."""
     size: float
     """Change of the readings by the step [m] (rms)."""
-    left: float
-    """Residual (rms) with the step as a share of that without: of lengths or of angles, whichever is smaller."""
+    residual_share: float
+    """Residual (rms) with the step as a share of that without it: of lengths or of angles, whichever is smaller."""
     chance: float
-    """Probability of such a step by noise alone, over all rows."""
+    """Probability that noise alone looks like such a step at some reading."""
 
 
 def step_doubts(found: CalibratedRobot) -> list[Doubt]:
@@ -162,17 +173,17 @@ def step_doubts(found: CalibratedRobot) -> list[Doubt]:
     significant = list[_Step]()
     for index in range(len(found.fit.problem.measured)):
         for step in _steps(found, index):
-            if step.chance < _MAX_CHANCE and step.left < _MAX_RESIDUAL_SHARE:
+            if step.chance < _MAX_CHANCE and step.residual_share < _MAX_RESIDUAL_SHARE:
                 significant.append(step)
     if not significant:
         return []
-    best = min(significant, key=lambda step: step.left)
-    row = str(best.row)
+    best = min(significant, key=lambda step: step.residual_share)
+    row_text = str(best.row)
     if len(found.fit.problem.measured) > 1:
-        row = f"{best.row} of measurement {best.measurement + 1}"
-    left = number(100.0 * best.left, 2)
-    value = {"value": best.size, "unit": "m"}
-    return [doubt(f"calibration-{best.kind}", size=millimetres(best.size), row=row, left=left, found=value)]
+        row_text = f"{best.row} of measurement {best.measurement + 1}"
+    percentage = number(100.0 * best.residual_share, 2)
+    size = {"value": best.size, "unit": "m"}
+    return [doubt(f"calibration-{best.kind}", size=millimetres(best.size), row=row_text, left=percentage, found=size)]
 
 
 def _steps(found: CalibratedRobot, index: int) -> Iterator[_Step]:
@@ -180,7 +191,7 @@ def _steps(found: CalibratedRobot, index: int) -> Iterator[_Step]:
     fit, m = found.fit, found.fit.problem.measured[index]
     if m.pairs is not None or m.count < 2 * _MIN_ROWS_BESIDE:
         return
-    # all readings have the weight of those that are no outliers: outliers may be the readings after a step
+    # Outliers get the weight of the other readings, since they may be the readings after a step.
     weights = [np.broadcast_to(W.max(axis=0), W.shape) for W in fit.weights]
     A, y = fit.equations.weighted_rows(weights)
     Q, _ = np.linalg.qr(A[:, found.parameter_groups.independent_columns])
@@ -190,35 +201,37 @@ def _steps(found: CalibratedRobot, index: int) -> Iterator[_Step]:
     target_columns = range(first_target_column, first_target_column + len(fit.state.targets[index].names))
     if m.kind not in LENGTHS_MEASURED:  # touches have no instrument
         target_columns = range(0)
-    tip_columns = range(p - 6, p) if m.angle_rows else range(p - 3, p)
+    tip_columns = range(p - 6, p) if m.angle_rows else range(p - 3, p)  # the last parameters: pose or position
     first_row = sum(W.size for W in weights[:index])
     rows = first_row + np.arange(weights[index].size).reshape(weights[index].shape)
     angle_rows, length_rows = rows[:, : m.angle_rows].ravel(), rows[:, m.angle_rows :].ravel()
+    row_groups = [group for group in (length_rows, angle_rows) if len(group)]
     for kind, columns in (("slipped", tip_columns), ("moved", target_columns)):
         if not columns:
             continue
         design = fit.equations.design[index][:, :, list(columns)]
-        steps = _steps_from_each_row(design, weights[index], residual, Q, first_row)
-        row, x, residual_with_step = min(steps, key=lambda step: float(step[2] @ step[2]))
-        parts = [part for part in (length_rows, angle_rows) if len(part)]
-        shares = [np.linalg.norm(residual_with_step[part]) / np.linalg.norm(residual[part]) for part in parts]
+        steps = _steps_from_each_reading(design, weights[index], residual, Q, first_row)
+        reading, x, residual_with_step = min(steps, key=lambda step: float(step[2] @ step[2]))  # least squares
+        shares = [np.linalg.norm(residual_with_step[group]) / np.linalg.norm(residual[group]) for group in row_groups]
         squares = float(residual_with_step @ residual_with_step)
-        freedom, count = len(A) - len(Q.T) - len(x), len(x)
+        step_freedom = len(x)
+        freedom = len(A) - len(Q.T) - step_freedom
         chance = 1.0
         if freedom > 0:
-            F = (residual @ residual - squares) / count / (squares / freedom)
-            chance = float(special.fdtrc(count, freedom, F)) * m.count  # in any of the rows
-        changes = design[row:, m.angle_rows :] @ x
+            F = (residual @ residual - squares) / step_freedom / (squares / freedom)
+            chance = float(special.fdtrc(step_freedom, freedom, F)) * m.count  # at any reading
+        changes = design[reading:, m.angle_rows :] @ x
         size = np.sqrt((changes**2).sum(axis=1).mean())
-        yield _Step(kind, index, row, float(size), float(min(shares)), chance)
+        yield _Step(kind, index, reading, float(size), float(min(shares)), chance)
 
 
-def _steps_from_each_row(
+def _steps_from_each_reading(
     design: Array, weights: Array, residual: Array, Q: Array, first_row: int
 ) -> Iterator[tuple[int, Array, Array]]:
-    """First reading, sizes (c,) and residual of a step of the columns ``design`` (m, r, c), from each reading on.
+    """First reading, sizes (c,) and remaining residual of a step by the columns ``design`` (m, r, c), for each first reading.
 
-    Q is an orthonormal basis of the fit's columns, and ``first_row`` the measurement's first row in the residual.
+    A reading has r rows. Q is an orthonormal basis of the fit's columns, and ``first_row`` the measurement's first row in
+    ``residual``.
     """
     m, r, c = design.shape
     weighted = (design * weights[..., None]).reshape(m * r, c)
@@ -226,5 +239,5 @@ def _steps_from_each_row(
         S = np.zeros((len(residual), c))
         S[first_row + reading * r : first_row + m * r] = weighted[reading * r :]
         S -= Q @ (Q.T @ S)
-        x = np.linalg.lstsq(S, residual, rcond=_MIN_UNSPANNED_SHARE)[0]
+        x, *_ = np.linalg.lstsq(S, residual, rcond=_MIN_UNSPANNED_SHARE)
         yield reading, x, residual - S @ x

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def robot_source(source: str) -> str | Path:
-    """Resolve ROBOT: path of a file, name of a robot, or text of a pipe.
+    """Path of the file of ROBOT, a path or a robot's name; text of the file if ROBOT is a pipe.
 
     Raises :class:`~twistwrench.NotFoundError` with similar names.
     """
@@ -43,7 +43,8 @@ def robot_source(source: str) -> str | Path:
     if source == "-":  # a pipe is read once, but may be loaded twice
         return standard_input_text()
     if is_stream(Path(source)):
-        return read_robot_text(source)[0]
+        text, _ = read_robot_text(source)
+        return text
     return robot_file(source)
 
 
@@ -51,7 +52,7 @@ def robot_source(source: str) -> str | Path:
 
 
 def motion_path(options: RobotOptions, motion: str) -> Path:
-    """Path of the motion file; bundled ones are in radians."""
+    """Path of the motion file. Raises ValueRangeError for a bundled motion, which is in radians, with --degrees."""
     path = bundled_file(motion, options.source, ".csv", "motion")
     if options.degrees and path != Path(motion):
         raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
@@ -74,7 +75,9 @@ class RobotOptions:
     loading: Mapping[str, Any]
     """Options of :func:`~twistwrench.load` that are given, by parameter."""
     actuators: str | None = None
+    """Path of the actuator file, or ``demo``; None without one."""
     degrees: bool = False
+    """True if angles are in degrees."""
     chain: tuple[str, str] | None = None
     """Two frames; joints outside their chain are locked at neutral."""
 
@@ -91,7 +94,8 @@ class RobotOptions:
 
     def load(self) -> Robot:
         """Load a bundled robot by name, or a file by path."""
-        return self.load_and_locked()[0]
+        robot, _ = self.load_and_locked()
+        return robot
 
     @property
     def files(self) -> dict[str, str | None]:
@@ -125,42 +129,45 @@ class RobotOptions:
 
         ``stiff`` treats elastic gears as rigid. ``held`` names further joints to lock at neutral.
         """
-        make = self._loader()
+        load_robot = self._loader()
         options = {name: value for name, value in self.loading.items() if name != "lock"}
         lock_option = self.loading.get("lock", {})
         if not lock_option and held is None and self.chain is None:
-            return self._with_actuators(make(**options), stiff=stiff), ()
+            return self._with_actuators(load_robot(**options), stiff=stiff), ()
         # Units and limits of locked joints require the loaded robot.
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)
-            unlocked = make(**{**options, "inertia": "accept"})
-        free = unlocked.model
-        lock = joints_held(free, lock_option, degrees=self.degrees)
+            warnings.simplefilter("ignore", ModelWarning)  # the robot is loaded again below, with its warnings
+            unlocked_robot = load_robot(**{**options, "inertia": "accept"})
+        unlocked_model = unlocked_robot.model
+        lock = joints_held(unlocked_model, lock_option, degrees=self.degrees)
         if self.chain is not None:
-            neutral = _neutral_positions(unlocked)
-            lock = {name: neutral[name] for name in joints_beside(free, *self.chain) if name in neutral} | lock
+            neutral = _neutral_positions(unlocked_robot)
+            joints_outside = joints_beside(unlocked_model, *self.chain)
+            lock = {name: neutral[name] for name in joints_outside if name in neutral} | lock  # --lock has precedence
         if held is not None:
-            lock |= self._hold_joints_without_column(unlocked, [name for name in held(free) if name not in lock])
+            other_names = [name for name in held(unlocked_model) if name not in lock]
+            lock |= self._hold_joints_without_column(unlocked_robot, other_names)
         if self.actuators:
-            robot = self._with_actuators(make(**options), stiff=stiff).lock(lock)
+            robot = self._with_actuators(load_robot(**options), stiff=stiff).lock(lock)
         else:
-            robot = make(lock=lock, **options)
-        moving = {body.joint.name for body in robot.model.bodies}
-        return robot, tuple(body.joint.name for body in free.bodies if body.joint.name not in moving)
+            robot = load_robot(lock=lock, **options)
+        moving_joints = {body.joint.name for body in robot.model.bodies}
+        all_joints = [body.joint.name for body in unlocked_model.bodies]
+        return robot, tuple(name for name in all_joints if name not in moving_joints)
 
     def _hold_joints_without_column(self, robot: Robot, names: list[str]) -> dict[str, float]:
-        """Neutral positions of joints without a column, with a note.
+        """Neutral positions of joints without a column, of which a note is printed.
 
         Empty if all joints lack a column: the file is then read wrongly, and the reader's error says how.
         """
         if len(names) == len(robot.model.leaders):
             return {}
         neutral = _neutral_positions(robot)
-        held = {name: neutral[name] for name in names if name in neutral}
-        if held:
-            listing = ", ".join(f"{name}={printed(position)}" for name, position in held.items())
-            note(f"held still, as the motion has no column for them: {listing}.")
-        return held
+        held_positions = {name: neutral[name] for name in names if name in neutral}
+        if held_positions:
+            positions_text = ", ".join(f"{name}={printed(position)}" for name, position in held_positions.items())
+            note(f"held still, as the motion has no column for them: {positions_text}.")
+        return held_positions
 
     def _with_actuators(self, robot: Robot, *, stiff: bool) -> Robot:
         """Robot with the drives of the actuator file, if there is one."""
@@ -320,8 +327,9 @@ class LogOptions:
 
     @property
     def given(self) -> list[str]:
-        """Names of the options that differ from their defaults, without the file itself."""
-        return [field.name for field in fields(self)[1:] if getattr(self, field.name) != field.default]
+        """Names of the options that differ from their defaults, without ``trajectory``, the file itself."""
+        _, *option_fields = fields(self)
+        return [field.name for field in option_fields if getattr(self, field.name) != field.default]
 
     def path(self, robot: RobotOptions) -> Path:
         """Path of the motion; ``demo`` is bundled with the robot."""
@@ -350,9 +358,10 @@ def open_motion(
         from ..reports.support.standing_log import robot_of_log
 
         robot = robot_of_log(robot, file, columns)
-    reading: dict[str, Any] = {"degrees": options.degrees, "columns": columns, "rate": log.rate}
-    reading["gain"] = current_gains(log.gain, robot.model, options.drives)
-    return robot, MotionLog.open(file, robot.model, plan=log.plan, **reading)
+    gains = current_gains(log.gain, robot.model, options.drives)
+    return robot, MotionLog.open(
+        file, robot.model, plan=log.plan, degrees=options.degrees, columns=columns, rate=log.rate, gain=gains
+    )
 
 
 def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None:
@@ -388,29 +397,30 @@ def parse_columns(texts: Iterable[str], logs: Sequence[str]) -> dict[str, str]:
         entries = [""]
         if text.strip():
             entries = [match[0] for match in _ENTRY.finditer(text)]
-        named: list[tuple[str, str]] = []  # from JOINT=COLUMN
-        listed_in_order: list[tuple[str, str]] = []  # from COLUMN alone
+        named_columns: list[tuple[str, str]] = []  # from JOINT=COLUMN
+        numbered_columns: list[tuple[str, str]] = []  # from COLUMN alone
         for k, entry in enumerate(entries, start=1):
             sides = _SIDES.fullmatch(entry)
             if sides is None:
-                listed_in_order.append((f"#{k}", _unquoted(entry)))
+                numbered_columns.append((f"#{k}", _unquoted(entry)))
             else:
-                named.append((_unquoted(sides[1]), _unquoted(sides[2])))
+                named_columns.append((_unquoted(sides[1]), _unquoted(sides[2])))
         is_single_word = len(entries) == 1 and not _is_quoted(text)  # rather a forgotten JOINT= than a list
-        if listed_in_order and (named or "" in entries or is_single_word):
+        if numbered_columns and (named_columns or "" in entries or is_single_word):
             raise ValueRangeError(f"--columns {text!r} is not {form}.")
-        pairs += named or listed_in_order
-    log_names: list[str] = []
+        pairs += named_columns or numbered_columns
+    log_prefixes: list[str] = []
     for name in logs:
-        log_names += (f"{name}:", f"{Path(name).name}:")
+        log_prefixes += (f"{name}:", f"{Path(name).name}:")
     columns: dict[str, str] = {}
     for key, column in pairs:
-        log = key.rpartition(":")[0]
+        log, _, _ = key.rpartition(":")
         if not (key and column):
             raise ValueRangeError(f"--columns '{key}={column}' is not {form}.")
         if key in columns:
             raise ValueRangeError(f"--columns {key} is given twice. Keep one of them.")
-        if "." in log and not key.startswith(tuple(log_names)):
+        names_a_file = "." in log  # the name of a joint may have a colon, too
+        if names_a_file and not key.startswith(tuple(log_prefixes)):
             raise ValueRangeError(f"--columns {key}={column}: there is no log {log!r}. Logs: {listed(logs)}.")
         columns[key] = column
     return columns
@@ -424,14 +434,16 @@ _SIDES = re.compile(r'((?:[^"=]|"(?:[^"]|"")*")*)=(.*)', re.DOTALL)
 
 
 def _is_quoted(text: str) -> bool:
+    """True if a text begins with a quotation mark."""
     return text.strip().startswith('"')
 
 
 def _unquoted(text: str) -> str:
-    text = text.strip()
-    if len(text) > 1 and text[0] == text[-1] == '"':
-        return text[1:-1].replace('""', '"')
-    return text
+    """Text without blanks and quotation marks around it."""
+    stripped_text = text.strip()
+    if len(stripped_text) > 1 and stripped_text[0] == stripped_text[-1] == '"':
+        return stripped_text[1:-1].replace('""', '"')
+    return stripped_text
 
 
 def _column_map(path: str) -> list[tuple[str, str]]:
@@ -455,7 +467,7 @@ def current_gains(
 ) -> dict[str, float]:
     """Current gains of ``--gain``, and of the actuator file for ``joint.current``; raises ValueRangeError if they differ.
 
-    If ``of_side``, gains below ``log:`` in that file are left to the conversion from motor side to joints.
+    If ``of_side``, gains below ``log:`` in that file are 1, because the conversion from motor side to joints applies them.
     """
     from ..formats.actuators import read_log_side
 
@@ -498,7 +510,7 @@ worker_options = option_group(
 
 
 def show_written(*paths: object, to_error: bool = False) -> None:
-    """Print a line for each written file; None is skipped. If data are on standard output, on standard error."""
+    """Print a line for each written file that is not None; ``to_error`` if data are on standard output."""
     for path in filter(None, paths):
         click.echo(f"wrote {path}", err=to_error)
 

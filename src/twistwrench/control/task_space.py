@@ -30,6 +30,7 @@ from ..robot.arguments import Kind, Rows
 from .references import Motion, Reference, joint_motion, one_state, pose_motion, require_driven, set_gains
 
 KINDS = ("world_aligned", "body")
+"""Kinds of tasks; see :class:`TaskLaw`."""
 
 
 def body_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
@@ -40,12 +41,13 @@ def body_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tupl
     T_bd = se3.inverse(T) @ T_d
     R, p = T_bd[:3, :3], T_bd[:3, 3]
     V_bd, dV_bd = _transform_twist(R, p, V_d), _transform_twist(R, p, dV_d)
-    bracket = np.concatenate([so3.cross(V[:3], V_bd[:3]), so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])])
+    linear_part = so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])
+    bracket = np.concatenate([so3.cross(V[:3], V_bd[:3]), linear_part])  # [V, V_bd]
     return se3.log(T_bd), V_bd - V, dV_bd - bracket
 
 
 def world_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
-    """Errors and feedforward, rotation and translation separate, in axes of {s}: log(R_d R'), p_d - p. MR section 11.3.3."""
+    """Pose error (log(R_d R'), p_d - p), error of (ω, v) and feedforward in axes of {s}; (6,) each. MR section 11.3.3."""
     R_d, w_d, v_d = T_d[:3, :3], V_d[:3], V_d[3:]
     X_e = np.concatenate([so3.log(R_d @ T[:3, :3].T), T_d[:3, 3] - T[:3, 3]])
     V_s = np.concatenate([R_d @ w_d, R_d @ v_d])
@@ -78,7 +80,13 @@ class TaskState(NamedTuple):
     """Pose of the frame (4, 4)."""
 
 
-_SUBGROUP_ROWS = frozenset(map(frozenset, ((0, 1, 2, 3, 4, 5), (0, 1, 2), (0, 4, 5), (1, 3, 5), (2, 3, 4))))
+_SUBGROUP_ROWS = (
+    frozenset((0, 1, 2, 3, 4, 5)),  # all motions
+    frozenset((0, 1, 2)),  # rotations
+    frozenset((0, 4, 5)),  # planar motions, perpendicular to x, y and z
+    frozenset((1, 3, 5)),
+    frozenset((2, 3, 4)),
+)
 """Sets of twist rows whose motions are a subgroup of SE(3), so that motions on these rows correct any error on them."""
 
 
@@ -115,19 +123,20 @@ class TaskLaw:
     _posture: Motion | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        what, set_field = type(self).__name__, object.__setattr__  # the dataclass is frozen
-        robot = require_driven(self.robot, what)
-        robot.model.frame(self.frame)
+        name = type(self).__name__
+        set_field = object.__setattr__  # the dataclass is frozen
+        robot = require_driven(self.robot, name)
+        robot.model.frame(self.frame)  # raises UnknownNameError for another frame
         if not isinstance(self.kind, str) or self.kind not in KINDS:
             raise UnknownNameError.from_choices("kind of task", self.kind, KINDS)
         set_field(self, "_rows", row_numbers(self.rows))
         if self.kind == "body" and frozenset(self._rows) not in _SUBGROUP_ROWS:
             raise ValueRangeError(
-                f"{what}: rows={self.rows!r} of kind 'body' do not go by themselves: the error is a twist, whose turning moves "
+                f"{name}: rows={self.rows!r} of kind 'body' do not go by themselves: the error is a twist, whose turning moves "
                 "the origin too. Take six, 'wx wy wz', a plane ('wx vy vz', 'wy vx vz', 'wz vx vy'), or kind='world_aligned'."
             )
-        set_field(self, "_motion", pose_motion(robot, self.reference, self.frame, f"{what}: reference"))
-        posture = None if self.posture is None else joint_motion(robot, self.posture, f"{what}: posture")
+        set_field(self, "_motion", pose_motion(robot, self.reference, self.frame, f"{name}: reference"))
+        posture = None if self.posture is None else joint_motion(robot, self.posture, f"{name}: posture")
         set_field(self, "_posture", posture)
         set_gains(self, robot.model.velocity_names, "posture_kp", "posture_kd")
 
@@ -150,8 +159,8 @@ class TaskLaw:
         robot, rows = self.robot, list(self._rows)
         q, dq = one_state(robot, type(self).__name__, q, dq)
         T, J = robot.forward_kinematics(q, self.frame), robot.jacobian(q, self.frame, self.kind)
-        errors_of = body_errors if self.kind == "body" else world_errors
-        X_e, V_e, feedforward = errors_of(T, J @ dq, *self._motion(t))
+        compute_errors = body_errors if self.kind == "body" else world_errors
+        X_e, V_e, feedforward = compute_errors(T, J @ dq, *self._motion(t))
         drift = robot.jacobian_rate(q, dq, self.frame, self.kind) @ dq
         Lambda = robot.task_inertia(q, self.frame, self.kind, self._rows)
         return TaskState(X_e[rows], V_e[rows], feedforward[rows], J[rows], drift[rows], Lambda, T)
@@ -160,13 +169,13 @@ class TaskLaw:
         """τ for a force F (r,) that gives the frame the acceleration Λ⁻¹ F after compensation of all other terms."""
         q, dq = one_state(self.robot, type(self).__name__, q, dq)
         if self._posture is None:
-            ddq = -self._posture_kd @ dq
+            ddq_0 = -self._posture_kd @ dq
         else:
             q_r, dq_r, ddq_r = self._posture(t)
-            ddq = ddq_r + self._posture_kp @ self.robot.subtract(q_r, q) + self._posture_kd @ (dq_r - dq)
+            ddq_0 = ddq_r + self._posture_kp @ self.robot.subtract(q_r, q) + self._posture_kd @ (dq_r - dq)
         # τ = M ddq_0 + h + J'Λ (a - J ddq_0 - dJ/dt dq) with F = Λ a
-        F_beyond_posture = F - task.Lambda @ (task.J @ ddq + task.drift)
-        return self.robot.inverse_dynamics(q, dq, ddq) + task.J.T @ F_beyond_posture
+        F_beyond_posture = F - task.Lambda @ (task.J @ ddq_0 + task.drift)
+        return self.robot.inverse_dynamics(q, dq, ddq_0) + task.J.T @ F_beyond_posture
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,16 +47,22 @@ _IDLE_SECONDS = 20
 """Time after which an idle child ends itself [s]."""
 _WAITING_FACTOR = 3.0
 """Largest waiting time in multiples of the allowed processor time: the machine may be loaded, and a file may never arrive."""
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-_CHILD_ENVIRONMENT = {**_ONE_THREAD, VARIABLE: "0", "ARROW_DEFAULT_MEMORY_POOL": "system"}
-"""Environment of a child: one thread, no child of its own, and no memory reserved in advance, which would count as used."""
+_CHILD_ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    VARIABLE: "0",  # no child of its own
+    "ARROW_DEFAULT_MEMORY_POOL": "system",  # no memory reserved in advance, which would count as used
+}
 
 _HEADER = struct.Struct("<cQ")
 """Kind of a message, and its size [bytes]."""
 _CALL, _MORE, _STOP = b"c", b"m", b"s"
-"""Kinds of requests."""
+"""Kinds of requests: a call, the next item, no more items."""
 _ITEM, _END, _ERROR, _REASON = b"i", b"e", b"x", b"r"
 """Kinds of answers: an item, no more items, an error of this library, the reason of another failure."""
+_MAX_START_ANSWER = 1 << 10
+"""Largest size of the answer that a child has started [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,7 @@ _NO_CHILD_REASON = f"no child process can be started for its reader; {VARIABLE}=
 
 
 def sandboxed() -> bool:
-    """True if readers with foreign C code shall run in a child process, by the environment variable or by default."""
+    """True if readers with foreign C code run in a child process, by the environment variable or by default."""
     setting = os.environ.get(VARIABLE, "")
     if setting in ("0", "1"):
         return setting == "1"
@@ -90,16 +96,18 @@ def sandboxed() -> bool:
 def _possible() -> bool:
     """True if a child can be started. The child of this test is kept for the first call.
 
-    None can be started in a browser, in a frozen program, or if Python is embedded in another program.
+    No child can be started in a browser, in a frozen program, or if Python is embedded in another program.
     """
     if getattr(sys, "frozen", False) or sys.platform in ("emscripten", "wasi"):
         return False
-    if not Path(sys.executable or "").stem.lower().startswith(("python", "pypy")):
+    interpreter = Path(sys.executable or "").stem.lower()
+    if not interpreter.startswith(("python", "pypy")):
         return False
     try:
-        _keep_idle(_take_idle_or_start())
+        child = _take_idle_or_start()
     except _FailedCall:
         return False
+    _keep_idle(child)
     return True
 
 
@@ -144,8 +152,8 @@ class _Child:
 
     def __init__(self) -> None:
         package = Path(__file__).parents[1]
-        import_folders = [Path(place).absolute() for place in sys.path if place]
-        search_path = [str(package.parent), *map(str, import_folders)]
+        import_folders = [str(Path(entry).absolute()) for entry in sys.path if entry]
+        search_path = [str(package.parent), *import_folders]
         try:
             self.process = subprocess.Popen(
                 [sys.executable or "python", "-I", "-S", "-c", _START_PROGRAM],
@@ -154,7 +162,8 @@ class _Child:
                 stderr=subprocess.DEVNULL,
                 env={**os.environ, **_CHILD_ENVIRONMENT},
             )
-            self.requests.write(json.dumps([search_path, str(package), PREPARATIONS]).encode() + b"\n")
+            start_arguments = json.dumps([search_path, str(package), PREPARATIONS])
+            self.requests.write(start_arguments.encode() + b"\n")
             self.requests.flush()
         except (OSError, RuntimeError) as problem:
             raise _FailedCall(f"{_NO_CHILD_REASON} ({reason_of(problem)})") from None
@@ -164,7 +173,7 @@ class _Child:
     def await_start(self) -> None:
         """Wait for the interpreter to start. Raises _FailedCall if it does not."""
         try:
-            kind, _ = self.answer(_START_LIMITS, 1 << 10)
+            kind, _ = self.answer(_START_LIMITS, _MAX_START_ANSWER)
         except (_FailedCall, _OutdatedChild):
             kind = b""
         if kind != _END:
@@ -173,11 +182,13 @@ class _Child:
 
     @property
     def requests(self) -> BinaryIO:
+        """Pipe to the child."""
         assert self.process.stdin is not None
         return self.process.stdin  # type: ignore[return-value]
 
     @property
     def answers(self) -> BinaryIO:
+        """Pipe from the child."""
         assert self.process.stdout is not None
         return self.process.stdout  # type: ignore[return-value]
 
@@ -216,20 +227,21 @@ class _Child:
         return kind, content
 
     def _end_overdue(self) -> None:
+        """Kill the child because it takes too long."""
         self.overdue = True
         self.process.kill()
 
     def _end_reason(self, limits: ChildLimits) -> str:
         """Reason why the child ended. Raises _OutdatedChild if it ended itself because it was idle."""
         self.process.kill()  # it has closed its output, but may still run
-        code = self.process.wait()
+        code = self.process.wait()  # the negative number of a signal if one ended the child
         if self.overdue:
             return f"reading it took longer than {number(_WAITING_FACTOR * limits.seconds)} s"
         if code == -getattr(signal, "SIGXCPU", 0):
             return f"reading it took more than {number(limits.seconds)} s of processor time"
         if code == -getattr(signal, "SIGALRM", 0):
             raise _OutdatedChild
-        with contextlib.suppress(ValueError):
+        with contextlib.suppress(ValueError):  # the code is not that of a signal
             return f"its reader crashed ({signal.Signals(-code).name})"
         return f"its reader ended with code {code}"
 
@@ -238,9 +250,7 @@ class _Child:
         self.process.kill()
         self.process.wait()
         for pipe in (self.requests, self.answers):
-            with contextlib.suppress(
-                OSError
-            ):  # closing sends the rest of the buffer, which a dead child cannot receive
+            with contextlib.suppress(OSError):  # a dead child cannot receive the rest of the buffer
                 pipe.close()
 
 
@@ -285,21 +295,21 @@ def end_children() -> None:
 def _answers(
     target: str, args: tuple[Any, ...], limits: ChildLimits, error_of: Callable[[str], TwistWrenchError], *, whole: bool
 ) -> Iterator[Any]:
-    """Items of a call: the result alone if ``whole``, else those of the iterator that it returns."""
+    """Items of a call: its result as the only item if ``whole``, else the items of the iterator that it returns."""
     request = pickle.dumps((target, args, limits, whole, _folder()), protocol=5)
     try:
         child, kind, content = _begin_in_child(request, limits)
     except _FailedCall as problem:
         raise error_of(str(problem)) from None
     remaining_output = limits.output
-    can_serve = False  # another call
+    can_serve_again = False
     try:
         while kind == _ITEM:
             remaining_output -= len(content)
             yield _plain_data(content)
             child.ask(_MORE)
             kind, content = child.answer(limits, remaining_output)
-        can_serve = True
+        can_serve_again = True
         if kind == _ERROR:
             raise _error_from(*_plain_data(content))
         if kind == _REASON:
@@ -308,12 +318,12 @@ def _answers(
         with contextlib.suppress(_FailedCall, _OutdatedChild):  # the caller wants no more items
             child.ask(_STOP)
             kind, _ = child.answer(limits, remaining_output)
-            can_serve = kind == _END
+            can_serve_again = kind == _END
         raise
     except (_FailedCall, _OutdatedChild) as problem:
         raise error_of(str(problem) or "its reader ended early") from None
     finally:
-        if can_serve:
+        if can_serve_again:
             _keep_idle(child)
         else:
             child.end()
@@ -331,9 +341,9 @@ def _error_from(name: str, text: str, *arguments: Any) -> TwistWrenchError:
 
 
 def _text_and_arguments(problem: TwistWrenchError) -> tuple[Any, ...]:
-    """Text of an error, and its arguments as tuples of plain data."""
+    """Text of an error, and its arguments as tuples of plain data: (name,) or (name, value)."""
     text, *arguments = problem.args or ("",)
-    if not all(isinstance(argument, Argument) for argument in arguments):
+    if not all(isinstance(argument, Argument) for argument in arguments):  # other objects are in the text alone
         return (str(problem),)
     fields_of_arguments: list[tuple[Any, ...]] = []
     for argument in arguments:
@@ -369,7 +379,9 @@ class _PlainData(pickle.Unpickler):
     """Unpickler that creates numbers, texts, lists, dictionaries and NumPy arrays, and refuses all other classes."""
 
     def find_class(self, module: str, name: str) -> Any:
-        if (module.replace("numpy.core", "numpy._core"), name) in _ALLOWED_NAMES:
+        """Class or function of a module, if it is allowed."""
+        module_of_numpy_2 = module.replace("numpy.core", "numpy._core")
+        if (module_of_numpy_2, name) in _ALLOWED_NAMES:
             return super().find_class(module, name)
         raise pickle.UnpicklingError(f"{module}.{name} is not plain data")
 
@@ -381,6 +393,7 @@ _ALLOWED_NAMES = {
 
 
 def _plain_data(content: bytes) -> Any:
+    """Data of an answer. Raises _FailedCall for other objects than plain data."""
     try:
         return _PlainData(io.BytesIO(content)).load()
     except Exception as problem:  # any error of the unpickler: the child is not trusted
@@ -388,7 +401,8 @@ def _plain_data(content: bytes) -> Any:
 
 
 def _size_text(size: int) -> str:
-    if size >= 1 << 28:
+    """Size [bytes] as text with a unit."""
+    if size >= 2**28:  # a quarter of a GiB
         return f"{number(size / 2**30)} GiB"
     return f"{number(size / 2**20)} MiB"
 
@@ -402,7 +416,7 @@ sys.modules["twistwrench"] = package
 from twistwrench.core.child_process import serve
 serve(sys.stdin.buffer, preparations)
 """
-"""Program of a child. Importing a module of the package does not run the package's ``__init__``, and modules are searched only
+"""Program of a child. Its package is an empty module, so that the package's ``__init__`` is not run. Modules are searched only
 in the folders of the parent."""
 
 
@@ -411,11 +425,12 @@ def serve(requests: BinaryIO, preparations: Sequence[tuple[str, Sequence[Any]]] 
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its child
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # so that text printed by a library does not mix with the answers
+    os.dup2(2, 1)  # text that a library prints goes to stderr, so that it does not mix with the answers
     _set_limit("RLIMIT_CORE", 0)
     for target, args in preparations:
-        _function(target)(*args)
-    alarm = getattr(signal, "alarm", lambda _seconds: None)
+        prepare = _function(target)
+        prepare(*args)
+    set_alarm = getattr(signal, "alarm", lambda _seconds: None)  # SIGALRM ends the process
 
     def next_request() -> tuple[bytes, bytes]:
         header = requests.read(_HEADER.size)
@@ -432,9 +447,9 @@ def serve(requests: BinaryIO, preparations: Sequence[tuple[str, Sequence[Any]]] 
 
     answer(_END)  # the child has started
     while True:
-        alarm(_IDLE_SECONDS)
+        set_alarm(_IDLE_SECONDS)
         kind, request = next_request()
-        alarm(0)
+        set_alarm(0)
         if kind != _CALL:
             continue
         try:
@@ -473,20 +488,23 @@ def _items(request: bytes) -> Iterator[Any]:
 
 
 def _function(target: str) -> Callable[..., Any]:
-    """Function ``module:name``."""
-    module, _, name = target.partition(":")
-    function: Callable[..., Any] = attrgetter(name)(importlib.import_module(module))
+    """Function with the name ``module:name``."""
+    module_name, _, name = target.partition(":")
+    module = importlib.import_module(module_name)
+    function: Callable[..., Any] = attrgetter(name)(module)
     return function
 
 
 def _limit_time(seconds: float) -> None:
+    """Limit the processor time from now on."""
     _set_limit("RLIMIT_CPU", math.ceil(time.process_time() + seconds))
 
 
 def _limit_memory(memory: int) -> None:
     """Limit the memory beyond that in use now. Linux counts memory that can be written, not the code of libraries."""
     with contextlib.suppress(OSError, IndexError, ValueError):
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])  # data and stack
+        page_counts = Path("/proc/self/statm").read_text(encoding="ascii").split()
+        pages = int(page_counts[5])  # data and stack
         _set_limit("RLIMIT_DATA", pages * os.sysconf("SC_PAGE_SIZE") + memory)
 
 

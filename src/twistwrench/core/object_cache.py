@@ -40,6 +40,8 @@ _OWN_NAMES = re.compile(r"[0-9a-f]{64}|\.new-\w+")
 
 _BINARY = getattr(os, "O_BINARY", 0)
 """Flag of Windows for files without conversion of line ends."""
+_WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+"""Mode bits of write access for the group and for all."""
 _NOT_A_FILE = (errno.EINVAL, errno.ELOOP, errno.EMLINK, errno.ENXIO)
 """Error numbers for links, sockets and anything else that is not a regular file."""
 
@@ -48,25 +50,24 @@ _WARNINGS_GIVEN: set[str] = set()
 
 
 def folder() -> Path | None:
-    """Cache folder, created if necessary; None if no folder is writable by this user alone."""
-    chosen = os.environ.get(VARIABLE, "")
-    if chosen.lower() == "off":
+    """Cache folder, created if necessary; None if the cache is off, or the folder is not writable by this user alone."""
+    users_choice = os.environ.get(VARIABLE, "")
+    if users_choice.lower() == "off":
         return None
     try:
-        place = Path(chosen).expanduser() if chosen else _default_folder()
+        place = Path(users_choice).expanduser() if users_choice else _default_folder()
         if not place.exists():
             missing_folders = [path for path in (place, *place.parents) if not path.exists()]
-            for missing_folder in reversed(
-                missing_folders
-            ):  # parents first; mkdir(parents=True) would ignore their mode
-                missing_folder.mkdir(mode=0o700, exist_ok=True)
+            for missing_folder in reversed(missing_folders):  # parents first
+                missing_folder.mkdir(mode=0o700, exist_ok=True)  # mkdir(parents=True) would ignore the parents' mode
         status = place.stat()
         if not stat.S_ISDIR(status.st_mode):
             raise NotADirectoryError(errno.ENOTDIR, "it is not a folder")
     except (OSError, RuntimeError) as problem:  # RuntimeError: the user of ~ has no home
-        if chosen:  # without a choice, an inaccessible home folder needs no warning
+        if users_choice:  # without a choice, an inaccessible home folder needs no warning
             _warn_once(
-                f"{VARIABLE} is {chosen!r}, which is not a folder and cannot be made one ({problem}). Give another, or off."
+                f"{VARIABLE} is {users_choice!r}, which is not a folder and cannot be made one ({problem}). Give another, "
+                "or off."
             )
         return None
     if hasattr(os, "getuid"):  # code is executed from here: only this user may write it
@@ -79,7 +80,7 @@ def folder() -> Path | None:
                 f"{place} belongs to another user (uid {status.st_uid}). Set {VARIABLE} to a folder of your own, or to off."
             )
             return None
-        if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        if status.st_mode & _WRITABLE_BY_OTHERS:
             mode = f"mode {stat.S_IMODE(status.st_mode):o}"
             _warn_once(
                 f"others can write to {place} ({mode}). Run chmod go-w on it, or set {VARIABLE} to another folder."
@@ -102,17 +103,17 @@ def _is_safe_parent(status: os.stat_result) -> bool:
 
 def digest(*parts: bytes | str) -> bytes:
     """Hash (32 bytes) of all parts together, for keys and checksums."""
-    state = blake2b(digest_size=_CHECKSUM_SIZE)
+    hasher = blake2b(digest_size=_CHECKSUM_SIZE)
     for part in parts:
         data = part.encode() if isinstance(part, str) else part
         # with its length, so that ("ab", "c") and ("a", "bc") have different hashes
-        state.update(len(data).to_bytes(8, "little") + data)
-    return state.digest()
+        hasher.update(len(data).to_bytes(8, "little") + data)
+    return hasher.digest()
 
 
 def _default_folder() -> Path:
     """Folder for the cache if the user has chosen none."""
-    if str(sys.platform) == "linux":  # as platformdirs returns, whose import takes longer than reading an entry
+    if str(sys.platform) == "linux":  # the folder of platformdirs, whose import takes longer than reading an entry
         user_cache = os.environ.get("XDG_CACHE_HOME", "").strip()
         base = Path(user_cache) if user_cache else Path("~/.cache").expanduser()
         return base / "twistwrench" / "kernels"
@@ -129,7 +130,7 @@ def _warn_once(text: str) -> None:
 
 
 def load(key: str, place: Path | None = None) -> bytes | None:
-    """Code stored under ``key``, or None; a damaged entry is removed. ``place`` is the folder if the caller has it."""
+    """Code stored under ``key``; None if there is none. A damaged entry is removed. ``place`` is the folder, if known."""
     place = place or folder()
     if place is None:
         return None
@@ -149,10 +150,10 @@ def load(key: str, place: Path | None = None) -> bytes | None:
 
 
 def _bytes_of(entry: Path) -> bytes:
-    """Bytes of an entry. Raises OSError for a link, a pipe, a folder, a device, and for a file that is too large for code."""
+    """Bytes of an entry. Raises OSError unless it is a regular file of this user alone, and not too large for code."""
     handle = os.open(entry, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY)
     status = os.fstat(handle)
-    others_can_write = hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & 0o022)
+    others_can_write = hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & _WRITABLE_BY_OTHERS)
     if not stat.S_ISREG(status.st_mode) or status.st_size > MOST_BYTES or others_can_write:
         os.close(handle)
         raise OSError(errno.EINVAL, "no entry of the cache", str(entry))
@@ -176,25 +177,25 @@ def store(key: str, code: bytes) -> None:
         return
     import tempfile
 
-    temporary = None
+    temporary_path = None  # of a file that is not yet renamed
     try:
-        handle, temporary = tempfile.mkstemp(dir=place, prefix=".new-")
+        handle, temporary_path = tempfile.mkstemp(dir=place, prefix=".new-")
         with os.fdopen(handle, "wb") as file:
             file.write(MAGIC + digest(key, code) + code)
-        Path(temporary).replace(place / key)
-        temporary = None
+        Path(temporary_path).replace(place / key)
+        temporary_path = None
         _prune(place)
     except OSError as problem:
-        if os.environ.get(VARIABLE):
+        if os.environ.get(VARIABLE):  # the user has chosen the folder
             _warn_once(f"{place}: {problem.strerror or problem}. Set {VARIABLE} to another folder, or to off.")
     finally:
-        if temporary is not None:
+        if temporary_path is not None:
             with suppress(OSError):
-                Path(temporary).unlink()
+                Path(temporary_path).unlink()
 
 
 def _prune(place: Path) -> None:
-    """Remove the oldest entries if there are too many: a quarter of the maximum number."""
+    """If there are too many entries, remove the oldest: a quarter of the maximum number."""
     paths = list(place.iterdir())
     if len(paths) <= MOST_ENTRIES:  # the usual case, without a look at the files
         return
@@ -208,7 +209,7 @@ def _prune(place: Path) -> None:
 
 
 def _time_of_writing(entry: Path) -> float:
-    """Modification time of an entry; zero if another process has removed it since it was listed."""
+    """Modification time of an entry [s]; zero if another process has removed it since it was listed."""
     try:
         return entry.stat().st_mtime
     except OSError:

@@ -20,14 +20,17 @@ from .parsed_file import ParsedFile, ParsedLink
 from .tensor_checks import MIN_EFFECT, no_tensor, placeholder, shape_repair
 
 _MIN_POINT_MASS_EFFECT = 10.0
-"""Change of the mass matrix M [%] above which a missing inertia is relevant; below it, the link is a textbook point
-mass."""
+"""Change of the mass matrix M [%] above which a missing inertia is relevant; below it, the link may be a point mass."""
 _MIN_MASS_PER_METRE = 0.01
 """Smallest mass of moving links per metre of reach [kg/m]: half that of a thin carbon rod."""
 _MAX_LISTED_LINKS = 6
 """Largest number of links that a sentence names; further ones are counted."""
-_MIN_DENSITY, _MAX_DENSITY = 50.0, 8000.0
-"""Range of plausible densities of a part's hull [kg/m³]: foam to steel."""
+_MIN_DENSITY = 50.0
+"""Smallest plausible density of a part's hull [kg/m³], that of foam."""
+_MAX_DENSITY = 8000.0
+"""Largest plausible density of a part's hull [kg/m³], that of steel."""
+_ROUND_OFF = 1e-12
+"""Entry of M, relative to the largest, up to which it is a rounding error."""
 
 
 def _shape_repairs(
@@ -50,18 +53,18 @@ def check_placeholder(robot: ParsedFile, _options: Options) -> Iterator[Finding]
             f"its moments are {printed(moment)} kg m² about every axis at {number(written.mass)} kg, which looks like a "
             "placeholder"
         )
-        matters = robot.heavy(link) and effect.reaches(MIN_EFFECT)
+        is_relevant = robot.heavy(link) and effect.reaches(MIN_EFFECT)
         numbers = {"moment": moment, "mass": written.mass}
-        yield link.finding("placeholder", matters, sentence, numbers, effect, repair)
+        yield link.finding("placeholder", is_relevant, sentence, numbers, effect, repair)
 
 
 def check_no_inertia(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Mass with a tensor that is zero or a rounding error."""
     for link, written, repair, effect in _shape_repairs(robot, no_tensor):
         max_entry = float(np.abs(written.tensor).max())
-        matters = robot.heavy(link) and effect.reaches(_MIN_POINT_MASS_EFFECT)
+        is_relevant = robot.heavy(link) and effect.reaches(_MIN_POINT_MASS_EFFECT)
         yield link.finding(
-            "no-inertia", matters,
+            "no-inertia", is_relevant,
             f"it has {number(written.mass)} kg and no rotational inertia ({number(max_entry, 1)} kg m²), as a point mass has",
             {"mass": written.mass, "largest": max_entry}, effect, repair,
         )  # fmt: skip
@@ -76,57 +79,58 @@ def check_no_mass(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         repair = FileRepair("advice", "give it its mass, or no inertia", {link.name: SpatialInertia.zero()})
         effect = robot.effects.evaluate(repair.inertias)
         max_moment = float(written.tensor.diagonal().max())
+        is_relevant = effect.reaches(MIN_EFFECT)
         sentence = f"it has rotational inertia, {number(max_moment, 3)} kg m², and no mass"
-        yield link.finding("no-mass", effect.reaches(MIN_EFFECT), sentence, {"largest": max_moment}, effect, repair)
+        yield link.finding("no-mass", is_relevant, sentence, {"largest": max_moment}, effect, repair)
 
 
 def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Moving links without mass; the mass matrix M is singular if no link after them has mass."""
-    diagonal = robot.effects.diagonal  # of M at several poses
-    max_rounding_error = 1e-12 * float(np.abs(diagonal).max(initial=0.0))
+    """Moving links without mass; the mass matrix M is singular if no link that they carry has mass."""
+    diagonal = robot.effects.diagonal  # of M at several poses, (poses, nv)
+    max_rounding_error = _ROUND_OFF * float(np.abs(diagonal).max(initial=0.0))
     joint_by_link: dict[bool, dict[str, str]] = {}  # one table of links that make M singular, and one of the others
     for link in massless_links(robot.model):
         body = robot.model.bodies[robot.model.frames[link].body]
-        _, entries_of_velocity = body.places
-        singular = bool((diagonal[:, entries_of_velocity] <= max_rounding_error).any())
-        joint_by_link.setdefault(singular, {})[link] = body.joint.name
-    for singular, joints in joint_by_link.items():
-        yield _massless_finding(robot, joints, singular)
+        _, v_entries = body.places
+        makes_singular = bool((diagonal[:, v_entries] <= max_rounding_error).any())
+        joint_by_link.setdefault(makes_singular, {})[link] = body.joint.name
+    for makes_singular, joints in joint_by_link.items():
+        yield _massless_finding(robot, joints, makes_singular)
 
 
-def _massless_finding(robot: ParsedFile, joint_by_link: Mapping[str, str], singular: bool) -> Finding:
-    """Finding about massless links, given the joint of each."""
+def _massless_finding(robot: ParsedFile, joint_by_link: Mapping[str, str], makes_singular: bool) -> Finding:
+    """Finding about massless links, by the joint of each."""
     links = list(joint_by_link)
     joints = list(joint_by_link.values())
     severity = Severity.NOTE
     consequence = ""
-    if singular:
+    if makes_singular:
         severity = Severity.WARNING
         consequence = f"; M is singular, as {listed(map(repr, joints), _MAX_LISTED_LINKS)} move nothing"
-    first = robot.links.get(links[0], ParsedLink(links[0], 0))
-    lock = spell(Argument("lock", {joints[0]: 0}))
+    first_link = robot.links.get(links[0], ParsedLink(links[0], 0))  # line 0 if the file does not have the link
+    lock_argument = spell(Argument("lock", {joints[0]: 0}))
     noun = "link" if len(links) == 1 else "links"
     return Finding(
-        "massless", severity, f"{noun} {listed(map(repr, links), _MAX_LISTED_LINKS)}", first.line,
+        "massless", severity, f"{noun} {listed(map(repr, links), _MAX_LISTED_LINKS)}", first_link.line,
         f"no mass, and a joint of its own: weight and inertia are missing from every torque{consequence}",
         {"links": float(len(links))},
-        repair=FileRepair("advice", f"give each a mass and a tensor, or fix the joints, {lock}"),
-        file=first.file,
+        repair=FileRepair("advice", f"give each a mass and a tensor, or fix the joints, {lock_argument}"),
+        file=first_link.file,
     )  # fmt: skip
 
 
 def check_light(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Robots with a few grams per metre: masses probably in a wrong unit."""
     model = robot.model
-    length = reach(model)  # [m]
-    if not 0 < length < np.inf:
+    robot_reach = reach(model)  # [m]
+    if not 0 < robot_reach < np.inf:
         return
-    if not 0 < model.moving_mass < _MIN_MASS_PER_METRE * length:
+    if not 0 < model.moving_mass < _MIN_MASS_PER_METRE * robot_reach:
         return
     yield Finding(
         "light", Severity.WARNING, f"robot {model.name!r}", 0,
-        f"all that moves weighs {number(1e3 * model.moving_mass)} g, and the robot reaches {number(length)} m",
-        {"mass": model.moving_mass, "reach": length},
+        f"all that moves weighs {number(1e3 * model.moving_mass)} g, and the robot reaches {number(robot_reach)} m",
+        {"mass": model.moving_mass, "reach": robot_reach},
         repair=FileRepair("advice", "give each link its mass, in kilograms"),
     )  # fmt: skip
 
@@ -141,10 +145,10 @@ def check_assumed(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
             "assumed", severity, f"link {link.name!r}", link.line, f"it has {assumed_text(link.assumed)}",
             repair=FileRepair("advice", "give it a mass and a tensor"), file=link.file,
         )  # fmt: skip
-    for text in robot.settings:
-        deliberate = text.startswith("settotalmass")  # a mass that the author chose
-        severity = Severity.NOTE if deliberate else Severity.WARNING
-        yield Finding("assumed", severity, f"robot {robot.model.name!r}", 0, text)
+    for setting in robot.settings:
+        is_chosen_mass = setting.startswith("settotalmass")
+        severity = Severity.NOTE if is_chosen_mass else Severity.WARNING
+        yield Finding("assumed", severity, f"robot {robot.model.name!r}", 0, setting)
 
 
 def check_density(robot: ParsedFile, _options: Options) -> Iterator[Finding]:

@@ -27,7 +27,7 @@ from .load_errors import LoadError, load_errors
 from .parsed_file import ParsedFile, ParsedLink, parse_elements
 
 MOST_BODIES = 2_000
-"""Default of ``max_bodies``: a link takes some milliseconds."""
+"""Default of ``max_bodies``; the check of a link takes some milliseconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,16 +35,19 @@ class Subject:
     """Robot to be checked, with the text of its file."""
 
     robot: ParsedFile
+    """Links and model, for the checks."""
     text: str = ""
     """Text of the file; empty for a robot without a file."""
     path: Path | None = None
+    """Path of the file; None for a text and for a robot without a file."""
     data: bytes = b""
-    """Bytes of the file."""
+    """Bytes of the file; empty for a text and for a robot without a file."""
     root: Element | None = None
-    """Root element of the file."""
+    """Root element of the file; None for a robot without a file."""
     floating_base: bool | None = None
+    """Option of the loader; None: as the file has it."""
     model: str | None = None
-    """Name of the model in an SDF world."""
+    """Name of the model in an SDF world; None for the only model."""
 
 
 def read_subject(
@@ -67,7 +70,8 @@ def read_subject(
         source = known_file
     if is_name(source):
         source = robot_file(str(source))
-    path, file, text = None, None, str(source)
+    path, file = None, None
+    text = str(source)  # if it is XML text
     if not is_text(source):
         path = as_path(source)
         file = _readable_file(source, path)
@@ -75,26 +79,26 @@ def read_subject(
         if robot_name is not None:
             model = _model_in_world(file.root, robot_name)
     content = text if file is None else file
-    loaded_model, problems = _load_with_errors(content, floating_base, model, max_bodies)
+    loaded_model, errors = _load_with_errors(content, floating_base, model, max_bodies)
     if file is None:
         root, data = parse(text, max_bodies=max_bodies), b""
     else:
         root, data = file.root, file.data
-    parsed = parse_elements(root, loaded_model, _solid_reader(path, meshes), path)
-    parsed = replace(parsed, load_errors=tuple(problems))
-    return Subject(parsed, text, path, data, root, floating_base, model)
+    parsed_file = parse_elements(root, loaded_model, _solid_reader(path, meshes), path)
+    parsed_file = replace(parsed_file, load_errors=tuple(errors))
+    return Subject(parsed_file, text, path, data, root, floating_base, model)
 
 
 def _parse_model(model: Model) -> ParsedFile:
-    """Links of a robot without a file."""
+    """Model of a robot without a file, and its links as if read from a file."""
     links = {}
     for name, inertia in model.link_inertias.items():
-        links[name] = ParsedLink(name, 0, written=WrittenInertia.from_inertia(inertia))
+        links[name] = ParsedLink(name, 0, written=WrittenInertia.from_inertia(inertia))  # 0: no line
     return ParsedFile(model, "", links)
 
 
 def _readable_file(source: str | Path, path: Path) -> RobotFile:
-    """File of a format that is examined; raises RobotFileError for USD and xacro."""
+    """File with its bytes read. Raises RobotFileError for USD and xacro, whose files are not examined."""
     if usd_path(path) is not None:
         raise RobotFileError(
             f"{path} is USD, whose files are not examined. Examine the robot, twistwrench.doctor(twistwrench.load(path)), or "
@@ -120,18 +124,21 @@ def _solid_reader(path: Path | None, meshes: bool | Sequence[str | Path]) -> Sol
 def _load_with_errors(
     content: str, floating_base: bool | None, model: str | None, max_bodies: int
 ) -> tuple[Model, list[LoadError]]:
-    """Model of a file, and its load errors if all are mimic joints without a leader; otherwise they are raised together."""
+    """Model of a file or a text, and its load errors if all are mimic joints without a leader.
+
+    Other load errors are raised together, as one error.
+    """
     load = partial(_load_quietly, content, floating_base=floating_base, model=model, max_bodies=max_bodies)
     try:
         return load(mimic="follow"), []
-    except ModelError as error:
-        problems = _load_errors_of(content, max_bodies)
-        if not problems:
+    except ModelError as first_error:
+        errors = _load_errors_of(content, max_bodies)
+        if not errors:
             raise
-        if not all(problem.mimic for problem in problems):  # the loader's error is the first one
-            message = _message_with_others(str(error), problems)
-            raise type(error)(bounded_message(message)) from None
-    return load(mimic="independent"), problems
+        if not all(error.mimic for error in errors):
+            message = _message_with_others(str(first_error), errors)
+            raise type(first_error)(bounded_message(message)) from None
+    return load(mimic="independent"), errors
 
 
 def _load_errors_of(content: str, max_bodies: int) -> list[LoadError]:
@@ -157,23 +164,27 @@ _MAX_OTHER_ERRORS = 12
 """Largest number of listed errors beside the first one."""
 
 
-def _message_with_others(first: str, problems: Sequence[LoadError]) -> str:
-    """Message of the first error, and of the other errors in the file: those whose line and text it does not have."""
-    line_of_text = {str(problem): f"line {problem.line})" for problem in problems}
-    others = [text for text, line in line_of_text.items() if line not in first and text.rstrip(".") not in first]
-    if not others:
-        return first
-    message = f"{first.rstrip('.')}. Besides: {' '.join(others[:_MAX_OTHER_ERRORS])}"
-    if len(others) > _MAX_OTHER_ERRORS:
-        message += f" And {len(others) - _MAX_OTHER_ERRORS} more."
+def _message_with_others(first_message: str, errors: Sequence[LoadError]) -> str:
+    """Message of the loader's error, with the texts of the errors whose line and text it does not have."""
+    line_of_text = {str(error): f"line {error.line})" for error in errors}
+    other_texts = []
+    for text, line in line_of_text.items():
+        if line not in first_message and text.rstrip(".") not in first_message:
+            other_texts.append(text)
+    if not other_texts:
+        return first_message
+    message = f"{first_message.rstrip('.')}. Besides: {' '.join(other_texts[:_MAX_OTHER_ERRORS])}"
+    if len(other_texts) > _MAX_OTHER_ERRORS:
+        message += f" And {len(other_texts) - _MAX_OTHER_ERRORS} more."
     return message
 
 
 def _model_in_world(root: Element, name: str) -> str | None:
-    """Model name in an SDF file with several models, found by the robot's name."""
+    """The robot's name if an SDF file has several models and one of this name; None otherwise."""
     models = root.all("model")
     for world in root.all("world"):
         models = [*models, *world.all("model")]
-    if len(models) > 1 and name in [model.text("name") for model in models]:
+    model_names = [model.text("name") for model in models]
+    if len(model_names) > 1 and name in model_names:
         return name
     return None

@@ -52,13 +52,15 @@ def load_model(
     :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` if the file cannot be read, and another
     :class:`~twistwrench.ModelError` if the robot is inconsistent. Messages have the file's name and the line.
     """
-    if format is not None and format not in (*FORMATS, "usd"):
-        choices = ", ".join(map(repr, (*FORMATS, "usd")))
+    all_formats = (*FORMATS, "usd")
+    if format is not None and format not in all_formats:
+        choices = ", ".join(map(repr, all_formats))
         raise ValueRangeError(f"format={format!r} is not allowed. Choose from: {choices}, or None.")
     max_bodies = integer(max_bodies, "max_bodies")
     usd = usd_path(source)
-    arguments, folders = xacro_arguments(xacro), [Path(folder) for folder in include_paths]
-    file = None
+    arguments = xacro_arguments(xacro)
+    folders = [Path(folder) for folder in include_paths]
+    file = None  # of XML; None for a text or a USD file
     if usd is None and not is_text(source):
         file = RobotFile.from_path(source, data)
     text, origin = _text_and_origin(source, usd, file)
@@ -67,7 +69,7 @@ def load_model(
     content: Path | Element
     try:
         if usd is not None:
-            bytes_of(usd)
+            bytes_of(usd)  # raises an error if the file cannot be read
             content = usd
         else:
             if file is None:
@@ -112,8 +114,12 @@ class _ReadOptions:
     snap: float
 
     def check(self, kind: str) -> None:
-        """Raise ValueRangeError for options that a format does not have: only files with several parts have them."""
-        for option, value, formats in (("keep", self.keep, ("mjcf",)), ("model", self.model, ("sdf", "usd"))):
+        """Raise ValueRangeError for an option that files of the format ``kind`` do not have."""
+        options = (  # name, value, formats that have it
+            ("keep", self.keep, ("mjcf",)),
+            ("model", self.model, ("sdf", "usd")),
+        )
+        for option, value, formats in options:
             if value is not None and kind not in formats:
                 names = " and ".join(name.upper() for name in formats)
                 raise ValueRangeError(f"{argument(option, value)} is of {names} files, and this one is {kind.upper()}.")
@@ -122,15 +128,16 @@ class _ReadOptions:
 def _read_content(
     content: Path | Element, origin: str, wanted_format: str | None, options: _ReadOptions
 ) -> tuple[ModelBuilder, bool]:
-    """Builder of a robot, and True if its root floats; only the required reader is imported."""
+    """Builder of a robot, and True if its root floats. Only the reader of its format is imported, to save time."""
     if isinstance(content, Path):
-        kind = found = "usd"
+        kind = "usd"
+        kind_text = kind
     else:
         kind = _format_of(content)
-        found = f"{kind.upper()} (<{content.tag}>, {content.place})"
+        kind_text = f"{kind.upper()} (<{content.tag}>, {content.place})"
     options.check(kind)
     if wanted_format not in (None, kind):
-        raise RobotFileError(f"it is {found}, and format={wanted_format!r} was given.")
+        raise RobotFileError(f"it is {kind_text}, and format={wanted_format!r} was given.")
     if isinstance(content, Path):
         from .usd import read_usd
 
@@ -142,11 +149,12 @@ def _read_content(
         from .mjcf import read_mjcf
         from .mjcf.preprocess import Folders
 
-        home = None
+        folder_of_file = None
         if not is_text(options.source):
-            home = Path(options.source).parent
+            folder_of_file = Path(options.source).parent
+        folders = Folders(folder_of_file, options.folders)
         return read_mjcf(
-            content, origin, Folders(home, options.folders), floating_base=options.floating_base, keep=options.keep,
+            content, origin, folders, floating_base=options.floating_base, keep=options.keep,
             max_bodies=options.max_bodies,
         )  # fmt: skip
     if kind == "sdf":
@@ -159,7 +167,7 @@ def _read_content(
 
 
 def format_of_file(path: Path) -> str:
-    """Format of a robot file, one of :data:`FORMATS` or ``"usd"``; raises as :func:`load_model`."""
+    """Format of a robot file, one of :data:`FORMATS` or ``"usd"``. Raises the errors of :func:`load_model`."""
     if usd_path(path) is not None:
         return "usd"
     return _format_of(RobotFile.from_path(path).root)
@@ -176,16 +184,17 @@ def usd_path(source: object) -> Path | None:
 
 
 def _format_of(root: Element) -> str:
-    kind = next((name for name, tag in FORMATS.items() if root.tag == tag), None)
+    """Format with this root element. Raises RobotFileError for another element."""
+    for name, tag in FORMATS.items():
+        if root.tag == tag:
+            return name
     if root.tag == "mujocoinclude":
         raise RobotFileError(
             f"it is a part of a robot (<{root.tag}>, {root.place}). Load the MJCF file that includes it."
         )
-    if kind is None:
-        raise RobotFileError(
-            f"its root element is <{root.tag}> ({root.place}), expected <robot> (URDF), <mujoco> (MJCF) or <sdf>."
-        )
-    return kind
+    raise RobotFileError(
+        f"its root element is <{root.tag}> ({root.place}), expected <robot> (URDF), <mujoco> (MJCF) or <sdf>."
+    )
 
 
 def _xacro_expansion(
@@ -197,15 +206,15 @@ def _xacro_expansion(
 ) -> str | None:
     """Text after xacro expansion; None if there is nothing to expand.
 
-    A file that ends in ``.xacro`` is expanded, and any other file or text if ``arguments`` are given, even without entries.
-    Raises RobotFileError for xacro in other files.
+    A file that ends in ``.xacro`` is always expanded. Another file or text with xacro is expanded if ``arguments`` are
+    given, even an empty mapping; otherwise RobotFileError is raised.
     """
     path = None
     if not is_text(source):
         path = Path(source)
-    marker = xacro_in(text, root)
-    ending = path is not None and path.suffix.lower() == ENDING
-    if ending or (arguments is not None and is_marked(text)):
+    marker = xacro_in(text, root)  # text about the xacro that was found; empty if there is none
+    is_xacro_file = path is not None and path.suffix.lower() == ENDING
+    if is_xacro_file or (arguments is not None and is_marked(text)):
         return expand_xacro(text, path, arguments or {}, folders, marker)
     if marker:
         raise RobotFileError(

@@ -23,7 +23,7 @@ class Edit:
     ----------
     place : Place
     text : str, the new value
-    how : str, ``change`` an existing number, ``put`` an attribute that may be missing, or ``remove`` an attribute
+    how : str, kind of edit: ``change`` a number, ``put`` an attribute that may be missing, or ``remove`` an attribute
     """
 
     place: Place
@@ -34,7 +34,9 @@ class Edit:
 # ── Edits of a robot file
 
 _START_TAG = re.compile(r"""<(?:[^"'>]++|"[^"]*+"|'[^']*+')*+>""")
+"""Start tag; a ``>`` within quotes does not end it."""
 _ATTRIBUTE = re.compile(r"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
+"""Name of an attribute, and its value with quotes."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,10 @@ class _Tag:
     end: int
     content_end: int
     """End of the text between this tag and the next one."""
+
+
+_TextChange = tuple[int, int, str]
+"""Start and end of a part of a text, and the new text of that part."""
 
 
 def apply_edits(
@@ -59,11 +65,12 @@ def apply_edits(
     ``additions`` holds texts by element number; each is inserted at the beginning of its element. Raises
     :class:`~twistwrench.RobotFileError` if a number is not found.
     """
-    tags = _tags(text, {edit.place.element for edit, _ in edits} | set(additions or {}))
+    additions = additions or {}
+    tags = _start_tags(text, {edit.place.element for edit, _ in edits} | set(additions))
     edits_by_element: dict[int, list[tuple[Edit, str]]] = defaultdict(list)
-    for edit, why in edits:
-        edits_by_element[edit.place.element].append((edit, why))
-    changes: list[tuple[int, int, str]] = []  # start and end of a part of the text, and its new text
+    for edit, reason in edits:
+        edits_by_element[edit.place.element].append((edit, reason))
+    changes: list[_TextChange] = []
     for element, element_edits in edits_by_element.items():
         tag = tags[element]
         old_values = []
@@ -71,10 +78,10 @@ def apply_edits(
             change, old_value = _change(text, tag, edit)
             old_values.append(old_value)
             changes.append(change)
-        reasons = dict.fromkeys(why for _, why in element_edits)
+        reasons = dict.fromkeys(reason for _, reason in element_edits)  # each once, in order
         comment = f"{signature}: {', '.join(old_values)}: {'; '.join(reasons)}"
         changes.append((tag.start, tag.start, _comment(text, tag.start, comment)))
-    for element, addition in (additions or {}).items():
+    for element, addition in additions.items():
         changes.append(_insertion(text, tags[element], addition))
     parts: list[str] = []
     position = 0
@@ -88,10 +95,10 @@ def apply_edits(
     return "".join([*parts, text[position:]])
 
 
-def _insertion(text: str, tag: _Tag, addition: str) -> tuple[int, int, str]:
-    """Change (start, end, new text) that adds text at the beginning of an element."""
+def _insertion(text: str, tag: _Tag, addition: str) -> _TextChange:
+    """Change that adds text at the beginning of an element."""
     if text[tag.end - 2] == "/":  # an empty element such as <link name="tool"/> gets an end tag
-        name = re.split(r"[\s/>]", text[tag.start + 1 : tag.end], maxsplit=1)[0]
+        name, *_ = re.split(r"[\s/>]", text[tag.start + 1 : tag.end], maxsplit=1)
         return tag.end - 2, tag.end, f">{addition}</{name}>"
     content = text[tag.end : tag.content_end]
     blanks = content[: len(content) - len(content.lstrip())]
@@ -107,53 +114,56 @@ def encode_as(text: str, original: bytes) -> bytes:
     ):
         if original.startswith(byte_order_mark):
             return byte_order_mark + text.lstrip("\ufeff").encode(encoding)
-    declared = DECLARED_ENCODING.match(original)
-    encoding = "utf-8"
-    if declared:
-        encoding = declared[1].decode("ascii")
-    return text.encode(encoding, "xmlcharrefreplace")
+    declaration = DECLARED_ENCODING.match(original)
+    declared_encoding = "utf-8"
+    if declaration:
+        declared_encoding = declaration[1].decode("ascii")
+    return text.encode(declared_encoding, "xmlcharrefreplace")
 
 
-def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
-    """Start tags of the elements ``wanted``, by their numbers in document order."""
+def _start_tags(text: str, numbers: set[int]) -> Mapping[int, _Tag]:
+    """Start tags of the elements with these numbers in document order."""
     from xml.parsers import expat
 
     if len(text) > MAX_BYTES:
         raise RobotFileError("the file is too large to be edited.")
     body = text.lstrip(BLANK)
-    skipped = len(text) - len(body)
+    leading_blanks = len(text) - len(body)
     data = without_loose_declaration(body).encode("utf-8", "surrogatepass")
     tag_starts: dict[int, int] = {}  # byte indices
-    content_ends: dict[int, int] = {}
-    count = 0
-    last = -1  # element whose text the parser reads; -1 after an end tag
+    content_ends: dict[int, int] = {}  # byte indices
+    element_count = 0
+    current = -1  # element whose text the parser reads; -1 after an end tag
     parser = expat.ParserCreate("utf-8")
 
-    def start(*_: object) -> None:
-        nonlocal count, last
-        close(last)
-        if count in wanted:
-            tag_starts[count] = parser.CurrentByteIndex
-        last = count
-        count += 1
+    def begin_element(*_: object) -> None:
+        nonlocal element_count, current
+        end_content(current)
+        if element_count in numbers:
+            tag_starts[element_count] = parser.CurrentByteIndex
+        current = element_count
+        element_count += 1
 
-    def end(*_: object) -> None:
-        nonlocal last
-        close(last)
-        last = -1
+    def end_element(*_: object) -> None:
+        nonlocal current
+        end_content(current)
+        current = -1
 
-    def close(element: int) -> None:
+    def end_content(element: int) -> None:
         if element in tag_starts and element not in content_ends:
             content_ends[element] = parser.CurrentByteIndex
 
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
+    parser.StartElementHandler = begin_element
+    parser.EndElementHandler = end_element
     parser.Parse(data, True)
+
+    def character_index(byte_index: int) -> int:
+        return leading_blanks + len(data[:byte_index].decode("utf-8", "surrogatepass"))
+
     tags: dict[int, _Tag] = {}
-    for element, tag_start in tag_starts.items():  # from indices of bytes to those of characters
-        start_index = skipped + len(data[:tag_start].decode("utf-8", "surrogatepass"))
-        content_end = skipped + len(data[: content_ends[element]].decode("utf-8", "surrogatepass"))
-        tags[element] = _Tag(start_index, _end_of_start_tag(text, start_index), content_end)
+    for element, tag_start in tag_starts.items():
+        start = character_index(tag_start)
+        tags[element] = _Tag(start, _end_of_start_tag(text, start), character_index(content_ends[element]))
     return tags
 
 
@@ -165,8 +175,8 @@ def _end_of_start_tag(text: str, start: int) -> int:
     return tag.end()
 
 
-def _change(text: str, tag: _Tag, edit: Edit) -> tuple[tuple[int, int, str], str]:
-    """Change (start, end, new text), and a description of the old value."""
+def _change(text: str, tag: _Tag, edit: Edit) -> tuple[_TextChange, str]:
+    """Change of the text by an edit, and a description of the old value."""
     place = edit.place
     match = None
     if edit.how != "change":
@@ -176,12 +186,13 @@ def _change(text: str, tag: _Tag, edit: Edit) -> tuple[tuple[int, int, str], str
         if text[tag.end - 2] == "/":  # before "/>" of an empty element
             position -= 1
         position -= _trailing_blanks(text[tag.start : position])
-        return (position, position, f' {place.attribute}="{edit.text}"'), f"{place.attribute} was not given"
+        new_attribute = f' {place.attribute}="{edit.text}"'
+        return (position, position, new_attribute), f"{place.attribute} was not given"
     start, end = _span(text, tag, edit)
-    number = ""
+    name = place.attribute or "its text"
     if place.position >= 0:
-        number = f"number {place.position + 1} of "
-    old_value = f"{number}{place.attribute or 'its text'} was {text[start:end].strip()}"
+        name = f"number {place.position + 1} of {name}"
+    old_value = f"{name} was {text[start:end].strip()}"
     if edit.how == "remove" and match is not None:
         blanks = _trailing_blanks(text[tag.start : match.start()])
         return (match.start() - blanks, match.end(), ""), old_value
@@ -202,7 +213,10 @@ def _attribute(text: str, tag: _Tag, name: str) -> re.Match[str] | None:
 
 
 def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
-    """Start and end in the text of the number that an edit changes, or of the whole value without blanks around it."""
+    """Start and end in the text of the number that an edit changes, or of a whole value without blanks around it.
+
+    A place with a negative ``position`` is a whole value; a place without ``attribute`` is in the text of the element.
+    """
     place = edit.place
     if place.attribute:
         match = _attribute(text, tag, place.attribute)
@@ -228,7 +242,7 @@ def _comment(text: str, position: int, content: str) -> str:
     comment = f"<!-- {content} -->"
     line_start = max(text.rfind("\n", 0, position), text.rfind("\r", 0, position)) + 1
     indent = text[line_start:position]
-    if indent.strip(" \t"):
+    if indent.strip(" \t"):  # other text
         return comment
     newline = "\n"
     if line_start > 0:
@@ -281,7 +295,8 @@ class TextChanges:
     def add(self, element: Element, text: str) -> None:
         """Insert text at the beginning of an element, after earlier insertions."""
         element_number = self._check_own_file(element).index
-        self._additions[element_number] = self._additions.get(element_number, "") + text
+        earlier_text = self._additions.get(element_number, "")
+        self._additions[element_number] = earlier_text + text
 
     def apply(self, text: str) -> str:
         """Apply all changes to the file's text."""
@@ -290,6 +305,7 @@ class TextChanges:
     def _edit(
         self, element: Element, attribute: str, value: str, why: str, how: Literal["change", "put", "remove"]
     ) -> None:
+        """Store an edit of an attribute, or of the text if ``attribute`` is empty; it replaces an earlier one."""
         place = self._check_own_file(element).locate(attribute)
         self._edits[place] = (Edit(place, value, how), why)
 

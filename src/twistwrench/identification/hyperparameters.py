@@ -99,7 +99,8 @@ class Trial:
     """Rows of equations at given settings, with a maximum number of rows."""
 
     def __init__(self, source: SettingRows, settings: FitSettings, most: int = MOST_ROWS) -> None:
-        self.settings, self._source = settings, source
+        self.settings = settings
+        self._source = source
         self.felt = source.base.felt
         """(nv, r) True if a group enters the torque of a joint."""
         self.rows = source.rows(settings.cutoff, most)
@@ -108,7 +109,7 @@ class Trial:
 
     @cached_property
     def fold(self) -> Array:
-        """(m,) index, 0 to 4, of the fifth of the time that each row belongs to."""
+        """(m,) index, 0 to 4, of the fifth of the time to which each row belongs."""
         return self._source.folds(self.rows.log, self.rows.time)
 
     @cached_property
@@ -124,8 +125,8 @@ class Trial:
         if np.array_equal(settings.friction_speed, self._source.usual_speed):
             return rows.W
         W = rows.W.copy()
-        for c, joints in self._source.coulomb:
-            W[:, :, c] = rows.coulomb(c, joints, settings.friction_speed)
+        for column, joints in self._source.coulomb:
+            W[:, :, column] = rows.coulomb(column, joints, settings.friction_speed)
         return W
 
     def changes(self, x: Array) -> Array:
@@ -133,13 +134,13 @@ class Trial:
 
         Derivative by the clock offset [s], and change by 10 % of each friction speed.
         """
-        changes, settings, options = list[Array](), self.settings, self._source.asked
-        if options.shift is None:
-            step = 0.1 / settings.cutoff
-            later_torques = self.rows.torques(settings.shift + step)
-            sooner_torques = self.rows.torques(settings.shift - step)
-            changes.append((later_torques - sooner_torques) / (2 * step))
-        if options.friction_speed is None:
+        changes = list[Array]()
+        if self._source.asked.shift is None:
+            step = 0.1 / self.settings.cutoff  # a tenth of the shortest period
+            later_torques = self.rows.torques(self.settings.shift + step)
+            earlier_torques = self.rows.torques(self.settings.shift - step)
+            changes.append((later_torques - earlier_torques) / (2 * step))
+        if self._source.asked.friction_speed is None:
             changes += [self._change_by_speed(x, joint) for joint in range(len(self.felt))]
         if not changes:
             return np.zeros((*self.tau.shape, 0))
@@ -148,12 +149,13 @@ class Trial:
     def _change_by_speed(self, x: Array, joint: int) -> Array:
         """(m, nv) change of the predicted torques if the friction speed of a joint is 10 % larger."""
         is_joint = np.arange(len(self.felt)) == joint
-        friction_speed = np.where(is_joint, 1.1, 1.0) * self.settings.friction_speed
-        change = np.zeros(self.tau.shape)
-        for c, joints in self._source.coulomb:
+        larger_speed = np.where(is_joint, 1.1, 1.0) * self.settings.friction_speed
+        torque_change = np.zeros(self.tau.shape)
+        for column, joints in self._source.coulomb:
             if speed_owner(joints) == joint:
-                change += (self.rows.coulomb(c, joints, friction_speed) - self.W[:, :, c]) * x[c]
-        return change
+                column_change = self.rows.coulomb(column, joints, larger_speed) - self.W[:, :, column]
+                torque_change += column_change * x[column]
+        return torque_change
 
 
 # Each block of time is predicted from the others. The score of a setting is Σ_j log |τ_j - τ̂_j|², to be minimised: the
@@ -167,7 +169,8 @@ _USUAL_SPEED = 0.05
 _OFFSETS_MS = np.array([1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300])
 _SHIFTS = (*(-1e-3 * _OFFSETS_MS[::-1]).tolist(), 0.0, *(1e-3 * _OFFSETS_MS).tolist())
 """Candidate clock offsets [s], of either sign, in ascending order."""
-_MIN_ROWS_OF_GROUP = 10.0  # minimum number of equations per group at a cut-off
+_MIN_ROWS_OF_GROUP = 10.0
+"""Minimum number of equations per group at a cut-off."""
 _CACHE_BYTES = 64 * 2**20
 """Cache size for rows at several cut-offs with their states, and for normal equations at several settings; the least
 recently used are evicted."""
@@ -179,14 +182,14 @@ _MAX_ROWS_OF_CHOICE = 3000
 _SHIFT_TOLERANCE = 5e-5
 """Accuracy of a clock offset [s]."""
 _MIN_GAIN = 2e-3
-"""Decrease of log |residual|² per joint from which another cut-off, offset or speed is preferred to the first one."""
+"""Decrease of log |residual|² per joint from which another cut-off, offset or speed is preferred to the present one."""
 _MAX_CHANCE_GAIN = 6.0
 """Decrease of log |residual|² of all joints, times the number of independent rows, that an offset or a speed exceeds by
 chance once in 70 times. This product is twice a log-likelihood ratio, χ² distributed with one degree of freedom (Wilks
 1938)."""
 
 
-def _typical(x: Array) -> Array:
+def _typical_sizes(x: Array) -> Array:
     """(nv,) root mean squares of columns x (m, nv), but at least 1 % of the median of all joints, and above 0."""
     rms = np.sqrt((x**2).mean(axis=0))
     median = max(float(np.median(rms)), 1e-6)
@@ -201,7 +204,8 @@ def _report_sweep(progress: Callable[[float], None], sweep: int, done_share: flo
 class SettingRows:
     """Rows of logs at each candidate cut-off; ``dead`` (nv,) bool is True for joints without a torque.
 
-    ``asked`` are the settings fixed by the user, and ``tried`` the candidate cut-offs [Hz] in ascending order.
+    ``asked`` are the settings fixed by the user, and ``tried`` the candidate cut-offs [Hz] in ascending order. A *fifth* is
+    one of five parts of the logs of equal time.
     """
 
     def __init__(
@@ -223,7 +227,8 @@ class SettingRows:
         # number of floats at one cut-off: columns of its rows, and q, dq and ddq of its states
         floats_of_cutoff = nv * base.count * _MAX_ROWS_OF_CHOICE + 3 * nv * sum(map(len, samples))
         cached = lru_cache(max(2, int(_CACHE_BYTES / (_BYTES_OF_FLOAT * floats_of_cutoff))))
-        self.rows, self._judged = cached(self._rows), cached(self._states)
+        self.rows = cached(self._rows)
+        self._judged = cached(self._states)
         self._shifted_torques = cached(self._judged_torques)
         self._trials = lru_cache(2)(self._trial)
         sets_of_equations = 2 + int(_CACHE_BYTES / (_BYTES_OF_FLOAT * nv * base.count**2 * FOLDS))
@@ -240,7 +245,7 @@ class SettingRows:
         self.__dict__.pop("_torques", None)  # value of the cached property
 
     def _rows(self, cutoff: float, most: float) -> FilteredRows:
-        """Rows at a cut-off, with the usual friction speed; those of joints without a torque are zero."""
+        """At most ``most`` rows at a cut-off, with the usual friction speed; columns of joints without a torque are zero."""
         rows = FilteredRows.from_samples(self.base, self.samples, cutoff, self.usual_speed, most)
         rows.W[:, self.dead] = 0.0
         rows.dead = self.dead
@@ -251,6 +256,7 @@ class SettingRows:
         return JudgedStates.from_samples(self.base, self.samples, cutoff, self.usual_speed)
 
     def _trial(self, cutoff: float, speeds: tuple[float, ...]) -> Trial:
+        """Rows for the choice of settings, without a clock offset."""
         return Trial(self, FitSettings(cutoff, np.array(speeds), 0.0), _MAX_ROWS_OF_CHOICE)
 
     def _equations_without_delay(self, cutoff: float, speeds: tuple[float, ...]) -> list[NormalEquations]:
@@ -279,8 +285,8 @@ class SettingRows:
 
     def folds(self, log: Array, time: Array) -> Array:
         """(m,) index 0 to 4 of the fifth of each row, in the time of all logs together."""
-        begins = np.concatenate([[0.0], np.cumsum([s.seconds for s in self.samples])])
-        starts = np.array([s.start for s in self.samples])
+        begins = np.concatenate([[0.0], np.cumsum([s.seconds for s in self.samples])])  # of the logs in the time of all
+        starts = np.array([s.start for s in self.samples])  # of the logs in their own time
         elapsed = begins[log] + (time - starts[log])
         total = begins[-1]
         return np.minimum((FOLDS * elapsed / total).astype(int), FOLDS - 1)  # the last row belongs to the last fifth
@@ -289,7 +295,7 @@ class SettingRows:
         """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""
         middle_cutoff = self.tried[len(self.tried) // 2]
         rows = self.rows(middle_cutoff, _MAX_ROWS_OF_CHOICE)
-        return _typical(rows.torques(0.0)), _typical(rows.speed), _typical(rows.acceleration)
+        return _typical_sizes(rows.torques(0.0)), _typical_sizes(rows.speed), _typical_sizes(rows.acceleration)
 
     def choose(
         self,
@@ -300,16 +306,16 @@ class SettingRows:
         """Choose, for each set of fifths, the settings that minimise its cross-validation residual.
 
         Each cut-off is scored for all sets before the next one, so that the rows of few cut-offs are in memory. The first
-        sweep goes from the lowest cut-off to the highest; the second, of sets whose cut-off changed, goes back, since the
-        rows of the highest cost most and are still cached.
+        sweep goes from the lowest cut-off to the highest. The second sweep is for sets whose cut-off changed. It goes back,
+        since the rows of the highest cut-off cost most and are still cached.
         """
         initial = FitSettings(self.tried[-1], self.usual_speed.copy(), self.asked.shift or 0.0)
         chosen = [initial] * len(sets)
         open_sets = list(range(len(sets)))
         for sweep in range(2):
-            trials = [(tuple(sets[k]), chosen[k]) for k in open_sets]
+            blocks_and_settings = [(tuple(sets[k]), chosen[k]) for k in open_sets]
             report = partial(_report_sweep, progress, sweep)
-            best_cutoffs = self._best_cutoffs(prior, trials, report, rising=sweep == 0)
+            best_cutoffs = self._best_cutoffs(prior, blocks_and_settings, report, rising=sweep == 0)
             changed_sets = list[int]()
             for k, cutoff in zip(open_sets, best_cutoffs, strict=True):
                 if cutoff != chosen[k].cutoff:
@@ -319,7 +325,10 @@ class SettingRows:
         return chosen
 
     def _tune(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
-        """Optimise clock offset and friction speeds one after another, at one cut-off."""
+        """Settings with optimised clock offset and friction speeds, one after another, at their cut-off.
+
+        ``blocks`` are the numbers of the fifths by which settings are compared.
+        """
         if self.asked.shift is None:
             settings = self._best_shift(settings, prior, blocks)
         if self.asked.friction_speed is None and self.coulomb:
@@ -356,19 +365,19 @@ class SettingRows:
             best = min((best, float(refined.x)), key=score)
         return self._better(settings, replace(settings, shift=best), prior, blocks)
 
-    def _better(self, first: FitSettings, other: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
-        """Return the other settings if their gain is significant; short logs need a larger gain."""
-        independent_rows = 2.0 * first.cutoff * total_seconds(self.samples)  # below a cut-off f, 2 f of them a second
+    def _better(self, present: FitSettings, other: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
+        """The other settings if their gain is significant, else the present settings; short logs need a larger gain."""
+        independent_rows = 2.0 * present.cutoff * total_seconds(self.samples)  # below a cut-off f, 2 f of them a second
         min_gain = max(_MIN_GAIN * len(self.dead), _MAX_CHANCE_GAIN / independent_rows)
-        gain = self._score(first, prior, blocks) - self._score(other, prior, blocks)
-        return other if gain > min_gain else first
+        gain = self._score(present, prior, blocks) - self._score(other, prior, blocks)
+        return other if gain > min_gain else present
 
     def _fits(self, settings: FitSettings, prior: Prior, blocks: Sequence[int]) -> list[tuple[NormalEquations, Array]]:
-        """Normal equations of each fifth of ``blocks``, and the groups fitted to the others of ``blocks``."""
+        """Normal equations of each fifth of ``blocks``, and the groups x fitted to the other fifths of ``blocks``."""
         all_fifths = self._equations(settings)
         fifths = [all_fifths[b] for b in blocks]
         total = reduce(operator.add, fifths)
-        sigma = total.solve(prior)[1]
+        _, sigma = total.solve(prior)
         fits = list[tuple[NormalEquations, Array]]()
         for fifth in fifths:
             training = total - fifth if len(fifths) > 1 else total
@@ -382,7 +391,8 @@ class SettingRows:
     def _score_at(
         self, cutoff: float, speeds: tuple[float, ...], shift: float, prior: Prior, blocks: tuple[int, ...]
     ) -> float:
-        squares = np.zeros(len(self.dead))
+        """Score as of :meth:`_score`, with arguments that can be keys of a cache."""
+        squares = np.zeros(len(self.dead))  # of the residuals of each joint
         for fifth, x in self._fits(FitSettings(cutoff, np.array(speeds), shift), prior, blocks):
             squares = squares + fifth.squares(x)
         return float(np.log(np.maximum(squares, 1e-300)).sum())
@@ -412,19 +422,20 @@ class SettingRows:
 
         ``sets`` has fifths and settings of each set; predictions are compared with torques below the highest cut-off.
         """
-        count = len(self.tried)
-        if count == 1:
+        cutoff_count = len(self.tried)
+        if cutoff_count == 1:
             return [settings.cutoff for _, settings in sets]
-        order = list(range(count))
+        order = list(range(cutoff_count))
         if not rising:
             order.reverse()
-        scores = np.empty((count, len(sets)))  # a row for each cut-off
-        for done, k in enumerate(order, 1):
+        scores = np.empty((cutoff_count, len(sets)))
+        for done_count, k in enumerate(order, 1):
             for n, (blocks, settings) in enumerate(sets):
                 scores[k, n] = self._judged_score(prior, blocks, replace(settings, cutoff=self.tried[k]))
-            progress(done / count)
+            progress(done_count / cutoff_count)
         is_good = scores <= scores.min(axis=0) + _MIN_GAIN * len(self.dead)
-        return [self.tried[k] for k in is_good.argmax(axis=0).tolist()]  # argmax: the first that is True
+        first_good = is_good.argmax(axis=0)  # of each set
+        return [self.tried[k] for k in first_good.tolist()]
 
     def _judged_score(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
         """Sum of log |residual|² over the joints, of torques that are not low-passed at the tested cut-off."""
@@ -444,8 +455,8 @@ class SettingRows:
     def _with_speeds(self, judged: JudgedStates, friction_speed: Array) -> Array:
         """(m, nv, r) columns of states with other friction speeds than the usual ones."""
         W, unknown = judged.W.copy(), self.base.unknown
-        for c, joints in self.coulomb:
-            k = int(self.base.kept[c])  # index of the column among all unknown parameters
+        for column, joints in self.coulomb:
+            k = int(self.base.kept[column])  # index of the column among all unknown parameters
             friction = [unknown.drives([k], states.dq, states.ddq, friction_speed) for states in judged.states]
-            W[:, joints, c] = np.concatenate(friction) * unknown.shares[k, joints]
+            W[:, joints, column] = np.concatenate(friction) * unknown.shares[k, joints]
         return W

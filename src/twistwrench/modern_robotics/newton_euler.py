@@ -39,6 +39,8 @@ __all__ = ["NewtonEuler", "newton_euler"]
 
 _DECIMALS = 12
 """Decimals of printed entries; digits after them are rounding errors."""
+_MAX_ROWS = 12
+"""Largest number of rows of a table in a short answer."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,11 +60,11 @@ class NewtonEuler(Answer):
     V: Array
     """(nbodies, 6) twists of the bodies (ω, v) [rad/s, m/s], from eq. 8.51."""
     dV: Array
-    """(nbodies, 6) their derivatives [rad/s², m/s²], from eq. 8.52; the base accelerates against gravity."""
+    """(nbodies, 6) derivatives of the twists [rad/s², m/s²], from eq. 8.52; the base accelerates against gravity."""
     F: Array
     """(nbodies, 6) wrenches (m, f) [N m, N] through the joint of each body, from eq. 8.53."""
     of_wrenches: Array
-    """(nv,) torques of these wrenches, A'F, from eq. 8.54."""
+    """(nv,) torques A'F of the wrenches F, from eq. 8.54."""
     of_drives: Array
     """(nv,) torques of armature and springs, which no body carries."""
     call = "newton_euler"
@@ -98,16 +100,17 @@ class NewtonEuler(Answer):
         yield _table("Wrenches F", bodies, self.F, ("m", "f"), "tau")
         model = self.robot.model
         units = units_of("tau", (turns for body in model.leaders for turns in body.joint.turning))
-        parts: list[Column] = []
+        columns_of_parts: list[Column] = []
         if self.of_drives.any():
-            parts = [numbers("A' F", self.of_wrenches, _figure), numbers("drives", self.of_drives, _figure)]
+            columns_of_parts.append(numbers("A' F", self.of_wrenches, _entry_text))
+            columns_of_parts.append(numbers("drives", self.of_drives, _entry_text))
         yield Table(
             "Torques",
             words("joint", model.velocity_names),
-            *parts,
-            numbers("τ", self.tau, _figure),
+            *columns_of_parts,
+            numbers("τ", self.tau, _entry_text),
             words("unit", units),
-            most=12,
+            most=_MAX_ROWS,
         )
 
     def sources(self) -> Mapping[str, str | Path]:
@@ -155,10 +158,11 @@ def newton_euler(
         raise ShapeError(
             f"newton_euler: one state is shown at a time, and q has shape {q.shape}. Give q[0], dq[0], ddq[0]."
         )
-    model, count = robot.model, len(robot.model.bodies)
+    model = robot.model
+    n = len(model.bodies)
     T = joint_poses(model, q)
     Adq, Addq = spread(model, dq), spread(model, ddq)  # A dq and A ddq of each body
-    V, dV, F = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
+    V, dV, F = np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, 6))
     V_base, dV_base = np.zeros(6), np.concatenate([np.zeros(3), -model.gravity])
     for i, p in outward(model):
         V_p, dV_p = (V_base, dV_base) if p == BASE else (V[p], dV[p])
@@ -178,22 +182,26 @@ def newton_euler(
     return NewtonEuler(robot, V, dV, F, of_wrenches, of_drives)
 
 
-def _figure(value: float) -> str:
+def _entry_text(value: float) -> str:
+    """Text of an entry of a vector."""
     return number(value, decimals=_DECIMALS)
 
 
 def _table(title: str, bodies: tuple[str, ...], rows: Array, parts: tuple[str, str], quantity: str) -> Table:
-    """Table of vectors (n, 6), one body a row; ``parts`` are the symbols of the angular and of the linear part."""
+    """Table of vectors (n, 6), one body a row; ``parts`` are the symbols of the angular and of the linear part.
+
+    Units are those of a ``quantity``: dq, ddq or tau.
+    """
     from ..core.answers.blocks import Table, numbers, words
 
     angular_unit, linear_unit = units_of(quantity, (True, False))
     columns = []
     for k in range(6):
-        part, unit = (parts[0], angular_unit) if k < 3 else (parts[1], linear_unit)
+        symbol, unit = (parts[0], angular_unit) if k < 3 else (parts[1], linear_unit)
         axis = "xyz"[k % 3]
-        # The unit stands once, above x.
-        columns.append(numbers(f"{part}{axis}", rows[:, k], _figure, unit, headed=axis == "x"))
-    return Table(title, words("body", bodies), *columns, most=12)
+        has_unit_in_heading = axis == "x"  # once for each part
+        columns.append(numbers(f"{symbol}{axis}", rows[:, k], _entry_text, unit, headed=has_unit_in_heading))
+    return Table(title, words("body", bodies), *columns, most=_MAX_ROWS)
 
 
 complete(globals())

@@ -31,14 +31,14 @@ def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) ->
     except ImportError:
         raise MissingExtraError.from_extra("xarray", "tables", "Making a Dataset") from None
     coordinates = Coordinates.from_model(model)
-    first_array = next(iter(arrays.values()))
+    first_array = next(iter(arrays.values()))  # all arrays have the same axes of samples
     sample_axis_count = first_array.ndim - 2
     if sample_axis_count == 1:
         sample_axes = ["sample"]
     else:
         sample_axes = [f"sample_{k}" for k in range(sample_axis_count)]
-    labels = {
-        "time": ("time", times, {"units": "s"}),
+    axis_labels = {
+        "time": ("time", times, {"units": "s"}),  # axis, values, attributes
         "coordinate": list(coordinates.names),
         "joint": list(coordinates.velocity_names),
     }
@@ -50,14 +50,14 @@ def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) ->
             padding = np.full((*array.shape[:-2], missing_rows, array.shape[-1]), np.nan)
             array = np.concatenate([array, padding], axis=-2)
         variables[name] = ((*sample_axes, "time", axis), array, {"units": _units(name, coordinates)})
-    return xarray.Dataset(variables, labels, {"robot": model.name})
+    return xarray.Dataset(variables, axis_labels, {"robot": model.name})
 
 
 def _units(name: str, coordinates: Coordinates) -> str:
-    """Common unit of all entries of a quantity, or the units of the entries in order."""
+    """Common unit of all entries of a quantity; if they differ, the units of the entries in order, with commas."""
     if name == "q":
         units = [unit_of("q", bool(is_angle)) for is_angle in coordinates.angular]
-        for entries in coordinates.quaternions:
+        for entries in coordinates.quaternions:  # slices
             units[entries] = ["1"] * len(units[entries])
     else:
         units = [unit.replace("²", "^2") for unit in units_of(name, coordinates.angular_velocity)]
@@ -71,12 +71,13 @@ _FILE_NAME = "the DataFrame"
 
 
 def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
-    """File of a DataFrame and notes: the index if it is a time, numeric columns, and a note on the others.
+    """File with the numeric columns of a DataFrame and its index if it is a time; and a note on ignored columns, if any.
 
-    Raises ShapeError.
+    Raises ShapeError for another object.
     """
     has_columns = all(hasattr(frame, name) for name in ("columns", "index", "items"))
-    if not has_columns or isinstance(frame, type):
+    is_class = isinstance(frame, type)  # such as pandas.DataFrame itself
+    if not has_columns or is_class:
         raise ShapeError(
             f"Motion.from_dataframe: the frame is {arguments.value_text(frame)}: give a pandas DataFrame with a column "
             "for each joint."
@@ -88,28 +89,28 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
     time_of_index = _time_of_index(frame.index, has_time_column=has_time_column)
     if time_of_index is not None:
         time_name, times = time_of_index
-        if time_name.removesuffix(" [s]") not in names:
+        if time_name.removesuffix(" [s]") not in names:  # a column of this name has precedence
             header.append(time_name)
             columns.append(times)
-    ignored = []
+    ignored_names = []
     for name, values in frame.items():
         try:
             column_name, numbers = _column(str(name), values)
         except (TypeError, ValueError):
-            ignored.append(str(name))
+            ignored_names.append(str(name))
             continue
         header.append(column_name)
         columns.append(numbers)
     table = np.column_stack(columns)
     notes: tuple[str, ...] = ()
-    if ignored:
-        notes = (f"Columns that are not numbers are ignored: {', '.join(ignored)}.",)
-    file = ArrayFile.from_table(Path(_FILE_NAME), header, table, 8 * table.size)
+    if ignored_names:
+        notes = (f"Columns that are not numbers are ignored: {', '.join(ignored_names)}.",)
+    file = ArrayFile.from_table(Path(_FILE_NAME), header, table, 8 * table.size)  # 8 bytes a number
     return replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them"), notes
 
 
 def _column(name: str, values: Any) -> tuple[str, Array]:
-    """Name and numbers of a column; dates in seconds since the first. Raises TypeError or ValueError if not numbers."""
+    """Name and numbers of a column; dates and durations in seconds since the first. Raises TypeError or ValueError."""
     kind = getattr(values.dtype, "kind", "")
     nanosecond_type = {"M": "datetime64[ns]", "m": "timedelta64[ns]"}.get(kind)
     if nanosecond_type is None:
@@ -121,8 +122,8 @@ def _column(name: str, values: Any) -> tuple[str, Array]:
 def _time_of_index(index: Any, *, has_time_column: bool) -> tuple[str, Array] | None:
     """Name and numbers of a time column from the index; None if it holds row numbers or no numbers.
 
-    Dates and durations are in seconds since the first. An index without a name is the time. A name is kept, except
-    that of increasing floats if neither it nor a column denotes time: they are then called ``time``.
+    Dates and durations are in seconds since the first. An index without a name is the time. An index with a name keeps
+    it. If neither the name nor a column denotes a time, increasing floats are called ``time``.
     """
     if getattr(index.dtype, "kind", "") in "mM":
         return _column("time", index)

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 __all__ = ["check"]
 
 _PLAN_DURATION = 0.25
-"""Duration of the noise estimation relative to the analysis."""
+"""Duration of the noise estimation relative to that of the analysis, for the progress."""
 _SMOOTHING_PLAN_DURATION = 3.0
-"""Duration of noise estimation and smoothing relative to the analysis."""
+"""Duration of noise estimation and smoothing relative to that of the analysis, for the progress."""
 _SLICE_ROWS = 8192
 """Number of rows whose clearance is searched at once."""
 
@@ -204,32 +204,34 @@ def check(
     loads = {"payloads": payloads_of(payload), "wrenches": _wrench_arrays(wrench_on_robot), "friction": friction}
     case, log = question.case(robot, log, loads)
     robot = case.robot
-    bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
-    steps = Steps(progress, (_SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION, 1.0))
+    used_limits = limits_file.limits_of(limits, robot.model, degrees=degrees)
+    plan_duration = _SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION
+    steps = Steps(progress, (plan_duration, 1.0))
     differentiation = Differentiation.plan(log, robot.model, smoothing=smooth, progress=steps.next())
     refuse_unused_srdf(clearance, srdf)
-    report = analyse(with_limits(case, bounds), differentiation, bounds, progress=steps.next())
+    report = analyse(with_limits(case, used_limits), differentiation, used_limits, progress=steps.next())
+    configurations = ((s.time, s.q) for s in differentiation.states(_SLICE_ROWS))
     return replace(
         report,
         causes=measured_causes(report, log),
-        clearance=clearance_along(robot, ((s.time, s.q) for s in differentiation.states(_SLICE_ROWS)), clearance, srdf),
+        clearance=clearance_along(robot, configurations, clearance, srdf),
         held=question.answers(report),
         degrees=degrees_in_report,
         with_why=why,
     )
 
 
-def _wrench_arrays(given: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
+def _wrench_arrays(wrenches: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
     """Wrenches by frame as arrays; empty if none are given."""
-    if given is None:
+    if wrenches is None:
         return {}
-    return {frame: np.asarray(F) for frame, F in given.items()}
+    return {frame: np.asarray(F) for frame, F in wrenches.items()}
 
 
 def robot_of(
     given: Robot | str | Path, actuators: str | Path | ActuatorFile | None, lock: Mapping[str, ArrayLike] | None
 ) -> tuple[Robot, str]:
-    """Robot with its drives, and the name by which files are bundled with it."""
+    """Robot with its drives and locked joints, and the name by which files are bundled with it."""
     if isinstance(given, Robot):
         robot, name = given, given.name
     elif actuators is None:
@@ -272,10 +274,11 @@ def log_of(motion: Any, robot: Robot, *, named: str = "", plan: bool = False, **
         if reading.get("degrees") and path != Path(motion):
             raise ValueRangeError("the bundled motion 'demo' is in radians. Leave degrees out.")
         return MotionLog.open(path, robot.model, plan=plan, **reading)
-    if hasattr(motion, "columns") and hasattr(motion, "iloc"):
+    is_data_frame = hasattr(motion, "columns") and hasattr(motion, "iloc")  # pandas need not be imported
+    if is_data_frame:
         file, _ = data_frame_file(motion)
         return MotionLog.open(file, robot.model, plan=plan, **reading)
-    motion = getattr(motion, "motion", motion)
+    motion = getattr(motion, "motion", motion)  # of a result, such as a simulation
     if not isinstance(motion, Motion):
         raise TypeError(
             f"motion is of type {type(motion).__name__}. Give a path, tw.Motion(time, q, robot=robot), or 'demo'."

@@ -30,18 +30,20 @@ def mean_weights(time: Array, rows: slice) -> Array:
     """
     duration = float(time[-1] - time[0])
     if not duration > 0:
-        return 1.0 * (np.arange(rows.start, rows.stop) == len(time) - 1)
+        is_last_row = np.arange(rows.start, rows.stop) == len(time) - 1
+        return 1.0 * is_last_row
     # A row has half of the steps on both its sides. The first row and the last row have a step of zero beyond them.
     first = max(0, rows.start - 1)
     stop = min(rows.stop + 1, len(time))
-    steps = np.pad(np.diff(time[first:stop]), (int(rows.start == first), int(rows.stop == stop)))
+    zeros_beyond = (int(rows.start == first), int(rows.stop == stop))
+    steps = np.pad(np.diff(time[first:stop]), zeros_beyond)
     return np.asarray((steps[:-1] + steps[1:]) / (2.0 * duration))
 
 
 _MIN_GAP = 0.1
-"""s: in a shorter gap no joint with mass accelerates and brakes again, so it hides no motion."""
+"""Length [s] up to which a gap hides no motion, as no joint with mass accelerates and brakes again in it."""
 _MIN_CHANGE = 1e-3
-"""rad or m: smaller changes of a coordinate across a gap are not motion."""
+"""Change [rad or m] of a coordinate across a gap up to which there was no motion."""
 _MIN_SPEED_SHARE = 0.1
 """Speed at an end of a gap, relative to the largest speed of the log, above which the gap hides motion."""
 
@@ -56,7 +58,7 @@ class _Gap(NamedTuple):
     change: float
     """Largest change of a coordinate across the gap [rad, m]."""
     end_speeds: Array
-    """(2, nv) speeds at its ends."""
+    """(2, nv) speeds at the ends of the gap [rad/s, m/s]."""
     least_rates: Array
     """(2, nv) least speed and acceleration that each coordinate needs within the gap; zero if unknown."""
     extent: Array
@@ -66,8 +68,8 @@ class _Gap(NamedTuple):
 def _least_rates_across(change: Array, v0: Array, v1: Array, h: float) -> Array:
     """(2, nv) speed and acceleration that a change within the time h needs, if the speeds at its ends are v0 and v1.
 
-    The speed is the mean speed. The acceleration is 2/3 of the largest acceleration of the cubic between the ends: from
-    rest to rest, that of a constant acceleration and an equal deceleration.
+    The speed is the mean speed. The acceleration is 2/3 of the largest acceleration of the cubic between the ends. From
+    rest to rest, this equals a constant acceleration followed by an equal deceleration.
     """
     v = change / h
     # The cubic has the accelerations (6 v - 4 v0 - 2 v1) / h and -(6 v - 2 v0 - 4 v1) / h at its ends.
@@ -103,7 +105,7 @@ class Gaps:
     largest_rates: Array
     """(2, nv) largest logged speed and acceleration of each coordinate."""
     stops: tuple[Array, Array] | None = None
-    """Least and largest allowed coordinates, (nq,) each; None if none are known."""
+    """Least and largest allowed coordinates, (nq,) each; None if unknown."""
 
     @classmethod
     def from_edges(
@@ -124,24 +126,25 @@ class Gaps:
         rows_before = long_steps(time, threshold)
         begins = time[rows_before]
         lengths = time[rows_before + 1] - begins
-        count = len(lengths)
+        gap_count = len(lengths)
         longest, longest_at = 0.0, math.nan
-        if count:
+        if gap_count:
             k = int(np.argmax(lengths))
             longest, longest_at = float(lengths[k]), float(begins[k])
         q, dq = edges
         edge_rows = gap_edges(time, threshold)
-        long = []
+        long_gaps = []
         for row, begin, length in zip(rows_before.tolist(), begins.tolist(), lengths.tolist(), strict=True):
             if length > _MIN_GAP:
-                k = int(np.searchsorted(edge_rows, row))
-                long.append(_gap(begin, length, q[k : k + 2], dq[k : k + 2], rates=rates))
-        return cls(threshold, count, longest, longest_at, tuple(long), largest_rates, stops)
+                k = int(np.searchsorted(edge_rows, row))  # of the row before the gap; the row after it follows
+                long_gaps.append(_gap(begin, length, q[k : k + 2], dq[k : k + 2], rates=rates))
+        return cls(threshold, gap_count, longest, longest_at, tuple(long_gaps), largest_rates, stops)
 
     @property
     def hiding(self) -> list[tuple[float, float]]:
         """Start and length [s] of each gap with motion across it or at its ends."""
-        largest_speed = float(np.max(self.largest_rates[0], initial=0.0))
+        speeds, _ = self.largest_rates
+        largest_speed = float(np.max(speeds, initial=0.0))
         min_speed = max(_MIN_SPEED_SHARE * largest_speed, _MIN_CHANGE)
 
         def hides_motion(gap: _Gap) -> bool:
@@ -162,27 +165,29 @@ class Gaps:
 
     @property
     def exceeds_logged_motion(self) -> bool:
-        """True if a gap needs a larger speed or acceleration of a coordinate than any that was logged, or leaves its stops."""
+        """True if a coordinate exceeds all logged speeds or accelerations within a gap, or its stops."""
         for gap in self.long:
             # The smallest change that is motion needs this speed and, from rest to rest, this acceleration.
-            slack = _MIN_CHANGE * np.array([[1 / gap.length], [4 / gap.length**2]])
-            if (gap.least_rates > self.largest_rates + slack).any():
+            rates_of_min_change = _MIN_CHANGE * np.array([[1 / gap.length], [4 / gap.length**2]])
+            if (gap.least_rates > self.largest_rates + rates_of_min_change).any():
                 return True
             if self.stops is not None:
                 lower, upper = self.stops
-                if ((gap.extent[0] < lower) | (gap.extent[1] > upper)).any():
+                least, largest = gap.extent
+                if ((least < lower) | (largest > upper)).any():
                     return True
         return False
 
     def beside(self, time: float, within: float) -> bool:
         """True if the time is at most ``within`` [s] from an end of a gap with motion."""
-        return any(min(abs(time - begin), abs(time - begin - length)) <= within for begin, length in self.hiding)
+        distances = [min(abs(time - begin), abs(time - begin - length)) for begin, length in self.hiding]
+        return any(distance <= within for distance in distances)
 
 
 def long_steps(time: Array, threshold: float) -> Array:
     """Rows (m,) after which the time step is longer than ``threshold`` [s].
 
-    Steps are computed in portions: those of a log with millions of rows would take as much memory as its times.
+    Steps are computed in portions, because all steps of a log with millions of rows would take as much memory as its times.
     """
     is_long = np.zeros(max(0, len(time) - 1), bool)
     for s in slices(len(is_long)):
@@ -191,7 +196,7 @@ def long_steps(time: Array, threshold: float) -> Array:
 
 
 def gap_edges(time: Array, threshold: float) -> Array:
-    """Rows (m,) at either end of the gaps that are long enough for a motion."""
+    """Rows (m,) before and after the gaps that are long enough for a motion, in order."""
     begins = long_steps(time, max(threshold, _MIN_GAP))
     return np.unique(np.concatenate([begins, begins + 1]))
 
@@ -234,27 +239,29 @@ class Bins(NamedTuple):
     number: Array
     """(b,) number of each bin in the motion."""
     time: Array
-    """(b,) time of its first row [s]."""
+    """(b,) time of the first row of each bin [s]."""
     least: Array
-    """(b, columns) minima of its rows."""
+    """(b, columns) minima of the rows of each bin."""
     greatest: Array
-    """(b, columns) maxima of its rows."""
+    """(b, columns) maxima of the rows of each bin."""
 
     @classmethod
     def from_rows(cls, first: int, time: Array, lower: Array, upper: Array, count: int, bins: int = _BINS) -> Bins:
-        """Bins of n rows of a motion of ``count`` rows; they begin at its row ``first``.
+        """Bins of n rows of a motion, from its row ``first`` on; the motion has ``count`` rows.
 
         Values lie between ``lower`` and ``upper`` (n, columns).
         """
-        size = stride_of(count, 2 * bins)
-        starts = np.arange(-(first % size), len(time), size).clip(min=0)  # the first bin may have begun before
+        rows_per_bin = stride_of(count, 2 * bins)
+        starts = np.arange(-(first % rows_per_bin), len(time), rows_per_bin).clip(
+            min=0
+        )  # the first bin may begin before
         least = np.minimum.reduceat(lower, starts)
         greatest = np.maximum.reduceat(upper, starts)
-        return cls((first + starts) // size, time[starts], least, greatest)
+        return cls((first + starts) // rows_per_bin, time[starts], least, greatest)
 
     @classmethod
     def from_parts(cls, parts: Sequence[Bins]) -> Bins:
-        """Bins of consecutive rows from those of their parts, which may begin and end within a bin."""
+        """Bins of consecutive rows from the bins of their parts, which may begin and end within a bin."""
         number, time, least, greatest = map(np.concatenate, zip(*parts, strict=True))
         starts = np.flatnonzero(np.diff(number, prepend=-1))  # parts of one bin have one number
         least = np.minimum.reduceat(least, starts)
@@ -268,29 +275,31 @@ _MAX_SIGMAS_BELOW = 6.0
 """Distance below the largest value, in standard deviations, within which other values contend with it."""
 _RELATIVE_UNCERTAINTY = 0.12
 """Relative uncertainty of the excess, which depends on an estimated noise and an approximate count."""
+_GRID_POINTS = 721
+"""Points of the distribution of the largest value: 40 in a standard deviation."""
 
 
 class Runs(NamedTuple):
-    """Runs of equally many consecutive rows: the largest of their maxima, and the runs at both ends, which may go on there.
+    """Runs of equally many consecutive rows: the largest maxima of inner runs, and the runs at both ends.
 
-    A run does not count if its maximum lies at its border next to a larger value: it is the flank of its neighbour, and both
-    have correlated noise. Its maximum is -inf.
+    The runs at the ends may continue in another part of the motion. A run does not count if its maximum lies at its border
+    next to a larger value: it is the flank of its neighbour, and both have correlated noise. Its maximum is -inf.
     """
 
     maxima: Array
     """(k, columns) largest maxima of the inner runs, at most :data:`_MAX_RUNS`, each column in descending order."""
     number: Array
-    """(e,) number in the motion of each run at an end."""
+    """(e,) number in the motion of each run at an end; e is 1 or 2."""
     largest: Array
-    """(e, columns) maxima of its rows."""
+    """(e, columns) maxima of the rows of these runs."""
     first: Array
-    """(e, columns) values of its first row."""
+    """(e, columns) values of the first row of each."""
     last: Array
-    """(e, columns) values of its last row."""
+    """(e, columns) values of the last row of each."""
     before: Array
-    """(e, columns) values of the row before it; nan if that is in another part."""
+    """(e, columns) values of the row before each; nan if that row is in another part."""
     after: Array
-    """(e, columns) values of the row after it; nan if that is in another part."""
+    """(e, columns) values of the row after each; nan if that row is in another part."""
 
     @classmethod
     def from_rows(cls, first: int, values: Array, rows: int) -> Runs:
@@ -315,7 +324,7 @@ class Runs(NamedTuple):
 
     @classmethod
     def from_parts(cls, parts: Sequence[Runs]) -> Runs:
-        """Runs of consecutive rows from those of their parts, which may begin and end within a run."""
+        """Runs of consecutive rows from the runs of their parts, which may begin and end within a run."""
         maxima, number, largest, first, last, before, after = map(np.concatenate, zip(*parts, strict=True))
         starts = np.flatnonzero(np.diff(number, prepend=-1))  # parts of one run have one number
         ends = np.append(starts[1:], len(number)) - 1
@@ -343,7 +352,8 @@ def _without_flanks(largest: Array, before: Array, after: Array) -> Array:
 
 def _descending(maxima: Array) -> Array:
     """Largest few thousand maxima of each column (m, columns), in descending order."""
-    return np.sort(maxima, axis=0)[::-1][:_MAX_RUNS].copy()  # a view would keep the others in memory
+    descending = np.sort(maxima, axis=0)[::-1]
+    return descending[:_MAX_RUNS].copy()  # a view would keep the others in memory
 
 
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:
@@ -351,7 +361,7 @@ def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, fl
 
     ``values`` (k,) are the largest of ``runs`` values, in descending order; -inf does not count. Each is a true value plus
     independent normal noise of standard deviation ``sigma``. The true values that contend are estimated from their noisy
-    values: shrunk towards the mean until their variance is less by that of the noise.
+    values: these are shrunk towards their mean until their variance is less by the variance of the noise.
     """
     from scipy.special import log_ndtr
 
@@ -359,22 +369,26 @@ def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, fl
     contending = values[values >= values[0] - _MAX_SIGMAS_BELOW * sigma]
     if len(contending) < 2 or sigma == 0.0:
         return 0.0, sigma
-    count = len(contending)
-    if count == len(values):  # all listed values contend, and further ones may
-        count = runs
+    contender_count = len(contending)
+    if contender_count == len(values):  # all listed values contend, and values that are not listed may
+        contender_count = runs
     variance = float(np.var(contending))
-    true_share = max(0.0, 1.0 - sigma**2 / variance) if variance else 0.0
-    true = contending.mean() + np.sqrt(true_share) * (contending - contending.mean())
+    true_share = max(0.0, 1.0 - sigma**2 / variance) if variance else 0.0  # of the variance
+    true_values = contending.mean() + np.sqrt(true_share) * (contending - contending.mean())
+    largest_true = true_values.max()
     # The largest of independent values is below x with the product of their probabilities.
-    x = np.linspace(true.max() - _MAX_SIGMAS_BELOW * sigma, true.max() + 2 * _MAX_SIGMAS_BELOW * sigma, 721)
-    log_probability = np.sum([log_ndtr((x - w) / sigma) for w in true], axis=0) * (count / len(contending))
+    x = np.linspace(
+        largest_true - _MAX_SIGMAS_BELOW * sigma, largest_true + 2 * _MAX_SIGMAS_BELOW * sigma, _GRID_POINTS
+    )
+    log_probability_of_contending = np.sum([log_ndtr((x - value) / sigma) for value in true_values], axis=0)
+    log_probability = log_probability_of_contending * (contender_count / len(contending))
     probability_below = np.exp(log_probability)
     interval_probability = np.diff(probability_below)
     interval_probability /= interval_probability.sum()
     middle = 0.5 * (x[1:] + x[:-1])
     mean = float(interval_probability @ middle)
     spread = float(np.sqrt(interval_probability @ (middle - mean) ** 2))
-    excess = max(0.0, mean - float(true.max()))
+    excess = max(0.0, mean - float(largest_true))
     return excess, float(np.hypot(spread, _RELATIVE_UNCERTAINTY * excess))
 
 
@@ -433,7 +447,7 @@ class PeakBootstrap:
     def cell(self) -> int:
         """Number of rows of a run, in which noise is correlated."""
         strengths = self.differentiation.strengths[self.differentiation.strengths > 0]
-        if not strengths.size:
+        if not strengths.size:  # nothing is smoothed
             return 1
         smoothing_width = float(strengths.min()) ** (1 / 6)
         return max(1, round(_CELL * smoothing_width))
@@ -453,11 +467,11 @@ class PeakBootstrap:
         is the part of the peak that is independent of accelerations, and ``speed`` is the largest velocity.
         """
         log = self.differentiation.trajectory
-        row = int(np.searchsorted(log.table[:, 0], peaks.time[joint]))
-        first = max(0, row - self._reach)
-        motion = log.motion(log.table[first : row + self._reach + 1])
-        peak_row = row - first
-        near_peak = slice(max(0, peak_row - self.cell), peak_row + self.cell + 1)
+        peak_row = int(np.searchsorted(log.table[:, 0], peaks.time[joint]))
+        first_row = max(0, peak_row - self._reach)
+        motion = log.motion(log.table[first_row : peak_row + self._reach + 1])
+        peak = peak_row - first_row  # row in the motion
+        near_peak = slice(max(0, peak - self.cell), peak + self.cell + 1)
         sign = -1.0 if peaks.signed[joint] < 0 else 1.0
         bias, drawn_sigma, speed_sigma = self._peak_statistics(motion, near_peak, joint, sign)
         excess, spread = excess_of_largest(contenders, drawn_sigma, runs)
@@ -478,20 +492,21 @@ class PeakBootstrap:
         d = self.differentiation
         t = motion.time
         true_curves = d.smooth(t, d.curves(motion))
-        columns = true_curves.shape[1]
-        count = min(_MAX_DRAWS, max(_MIN_DRAWS, _MAX_DRAWN_CURVES // max(1, columns)))
+        curve_count = true_curves.shape[1]
+        draw_count = min(_MAX_DRAWS, max(_MIN_DRAWS, _MAX_DRAWN_CURVES // max(1, curve_count)))
         true_rates, true_second_rates = spline_rates(t, true_curves)
-        true = [x[near_peak, :, None] for x in (true_curves, true_rates, true_second_rates)]
-        true_torques, _ = self._torques(motion, near_peak, true)
-        random = np.random.default_rng(_RANDOM_STREAM)
-        curves = d.smooth(t, d.errors.drawn(random, true_curves, true_rates, count))
+        true_near_peak = [x[near_peak, :, None] for x in (true_curves, true_rates, true_second_rates)]
+        true_torques, _ = self._torques(motion, near_peak, true_near_peak)
+        true_peak = (sign * true_torques[:, :, joint]).max()
+        rng = np.random.default_rng(_RANDOM_STREAM)
+        curves = d.smooth(t, d.errors.drawn(rng, true_curves, true_rates, draw_count))
         rates, second_rates = spline_rates(t, curves.reshape(len(t), -1))
-        drawn = [x.reshape(len(t), columns, count)[near_peak] for x in (curves, rates, second_rates)]
-        drawn_torques, dq = self._torques(motion, near_peak, drawn)
-        peaks = (sign * drawn_torques[:, :, joint]).max(axis=0)
-        bias = float(peaks.mean() - (sign * true_torques[:, :, joint]).max())
-        middle = len(dq) // 2
-        return bias, float(peaks.std(ddof=1)), float(dq[middle, :, joint].std(ddof=1))
+        drawn_near_peak = [x.reshape(len(t), curve_count, draw_count)[near_peak] for x in (curves, rates, second_rates)]
+        drawn_torques, dq = self._torques(motion, near_peak, drawn_near_peak)
+        drawn_peaks = (sign * drawn_torques[:, :, joint]).max(axis=0)
+        bias = float(drawn_peaks.mean() - true_peak)
+        middle_row = len(dq) // 2
+        return bias, float(drawn_peaks.std(ddof=1)), float(dq[middle_row, :, joint].std(ddof=1))
 
     def _torques(self, motion: LogRows, rows: slice, curves_and_rates: list[Array]) -> tuple[Array, Array]:
         """Torques and velocities (n, count, nv) of drawn logs in some rows of a motion.
@@ -500,7 +515,8 @@ class PeakBootstrap:
         coordinates, or velocities if the motion has logged velocities.
         """
         d = self.differentiation
-        n, _, count = curves_and_rates[0].shape
+        smoothed_curves, _, _ = curves_and_rates
+        n, _, count = smoothed_curves.shape
         curves, rates, second_rates = (np.moveaxis(x, 1, 2).reshape(n * count, -1) for x in curves_and_rates)
 
         def repeat_logged(values: Array) -> Array:
@@ -516,7 +532,8 @@ class PeakBootstrap:
         stationary = np.zeros(dq.shape, bool)
         if d.derives_velocities:
             stationary = np.abs(dq) <= SIGNIFICANT_SIGMAS * d.sigma_dq
-        time, no_outliers = np.repeat(motion.time[rows], count), np.zeros((n * count, 0))
+        time = np.repeat(motion.time[rows], count)
+        no_outliers = np.zeros((n * count, 0))
         torques = self.load.torques(MotionSamples(time, q, dq, ddq, q, stationary, no_outliers))
         torques = self.load.drive_torques(torques)
         return torques.reshape(n, count, -1), dq.reshape(n, count, -1)

@@ -42,7 +42,7 @@ from .torque_verdict import KINDS, notes_of
 _FIGURE_DIGITS = 3
 """Digits of currents, voltages, speeds and powers."""
 _MAX_FIGURE_DECIMALS = 6
-"""Decimals of currents, voltages, speeds and powers; further ones are rounding errors."""
+"""Largest number of decimals of currents, voltages, speeds and powers; further decimals are rounding errors."""
 _MAX_LISTED_MOTORS = 3
 """Largest number of motors that are listed as too small."""
 
@@ -50,11 +50,12 @@ _MAX_LISTED_MOTORS = 3
 def motors_table(motors: Sequence[MotorUse]) -> Table:
     """Table with one row per motor; limits are shown behind the values, exceeding values are red."""
     columns = [words("joint", [use.joint for use in motors])]
-    for k, kind in enumerate(motors[0].demands):  # each motor has the same kinds of demands, a column for each
-        name = kind.what.replace(" current", "")  # the unit says that it is a current
+    # All motors have the same kinds of demands, in the same order. Each kind has a column.
+    for k, first_demand in enumerate(motors[0].demands):
+        name = first_demand.what.replace(" current", "")  # the unit says that it is a current
         demands = [use.demands[k] for use in motors]
         limits = [demand.limit for demand in demands]
-        columns.append(numbers(name, map(_demand_cell, demands), unit=kind.unit, limits=limits))
+        columns.append(numbers(name, map(_demand_cell, demands), unit=first_demand.unit, limits=limits))
     shares = np.array([use.tightest.share for use in motors])
     known_shares = np.where(shares == 0.0, np.nan, shares)  # without a limit a share is 0
     return Table(
@@ -69,7 +70,7 @@ def motors_table(motors: Sequence[MotorUse]) -> Table:
 
 
 def _demand_cell(demand: Demand) -> Line:
-    """Value, red beyond its limit, and the limit behind it."""
+    """Cell with a value, red beyond its limit, and the limit behind it; infinite limits are left out."""
     limit_text = ""
     if math.isfinite(demand.limit):
         limit_text = f" / {number(demand.limit, _FIGURE_DIGITS)}"
@@ -78,18 +79,20 @@ def _demand_cell(demand: Demand) -> Line:
 
 
 def _figure_text(value: float) -> str:
+    """Text of a current, voltage, speed or power without its unit."""
     return number(value, _FIGURE_DIGITS, decimals=_MAX_FIGURE_DECIMALS)
 
 
 def motors_verdict(motors: Sequence[MotorUse]) -> Line:
     """Line on the motors that are too small, or on the motor nearest to its limits."""
-    by_share = sorted(motors, key=lambda use: -use.tightest.share)
-    too_small = [use.words for use in by_share if use.too_small]
+    uses_by_share = sorted(motors, key=lambda use: -use.tightest.share)  # the largest share first
+    too_small = [use.words for use in uses_by_share if use.too_small]
     if too_small:
         text = listed(too_small, _MAX_LISTED_MOTORS, "; ")
         return Line(("MOTOR TOO SMALL", strong(Style.OVER)), f": {text}.")
-    for use in by_share:
-        if any(math.isfinite(demand.limit) for demand in use.demands):
+    for use in uses_by_share:
+        has_limit = any(math.isfinite(demand.limit) for demand in use.demands)
+        if has_limit:
             return Line(("MOTORS OK", strong(Style.GOOD)), f": all limits kept. Closest: {use.words}.")
     return Line(("MOTORS", Style.STRONG), ": their limits are not known.")
 
@@ -113,7 +116,7 @@ def report_view(report: TorqueReport) -> Iterator[Block]:
         yield report.held.grip.table()
     if report.with_why and report.worst is not None:
         yield _explanation_table(report, report.worst)
-    if any(not m.dead for m in report.measured):
+    if any(not m.dead for m in report.measured):  # dead: a sensor that reads the same value throughout
         yield _measured_table(report)
     if report.motors:
         yield motors_table(report.motors)
@@ -127,19 +130,22 @@ def report_view(report: TorqueReport) -> Iterator[Block]:
 def _heading(report: TorqueReport) -> Line:
     """Robot, motion, payloads, wrenches, and whether friction is counted."""
     load = report.load
-    rows = "1 row"
+    row_text = "1 row"
     if report.rows != 1:
-        rows = f"{report.rows:,} rows at {number(1e3 * report.quality.step)} ms"
-    parts = [f"{Path(report.trajectory).name}: {number(report.end - report.begin)} s, {rows}"]
+        step_in_ms = 1e3 * report.quality.step
+        row_text = f"{report.rows:,} rows at {number(step_in_ms)} ms"
+    parts = [f"{Path(report.trajectory).name}: {number(report.end - report.begin)} s, {row_text}"]
     for payload in load.payloads:
-        payload_text = f"payload {number(payload.mass)} kg at {payload.frame or load.robot.model.tip}"
+        frame = payload.frame or load.robot.model.tip
+        payload_text = f"payload {number(payload.mass)} kg at {frame}"
         if any(payload.place):
             payload_text += f" + {list(payload.place)} m"
         parts.append(payload_text)
     if not load.payloads:
         parts.append("no payload")
-    for frame, wrench in load.wrenches.items():
-        parts.append(f"wrench on {frame} [{' '.join(map(number, wrench))}]")
+    for wrench_frame, wrench in load.wrenches.items():
+        components = " ".join(map(number, wrench))
+        parts.append(f"wrench on {wrench_frame} [{components}]")
     parts.append(friction_words(load.robot.model, counted=load.friction))
     return Line((report.robot, Style.STRONG), "  ", "  ·  ".join(parts))
 
@@ -147,19 +153,22 @@ def _heading(report: TorqueReport) -> Line:
 _MAX_ROWS = 11
 """Largest number of rows of a table in a short report."""
 _MAX_LIMIT_ROWS = 5
-"""Largest number of rows of the last table, of exceeded limits of the motion, in a short report."""
+"""Largest number of rows of the table of exceeded limits of the motion, the last one, in a short report."""
 
 
 def _torque_column(
     report: TorqueReport, name: str, values: Iterable[float | Line | None], show: Callable[[Any], Cell]
 ) -> Column:
-    """Column of torques in a table with one row per joint. Its heading has no unit, since the table shows it."""
+    """Column of torques in a table with one row per joint. Its heading has no unit, since the table shows the unit."""
     units = sorted({j.unit for j in _driven_joints(report)})
     return numbers(name, values, show, ", ".join(units), headed=False)
 
 
 def _joint_table(title: str, joints: Sequence[JointTorque], *columns: Column | None) -> Table:
-    """Table with one row per joint; units are in its title, or beside the joints if there are two."""
+    """Table with one row per joint. Its title has the unit of the torques; if there are two units, a column has them.
+
+    A short report shows the joints with the largest shares of their limits, or without limits those with the largest peaks.
+    """
     units = [j.unit for j in joints]
     unit_column = None
     if len(set(units)) == 1:
@@ -180,30 +189,31 @@ def _joint_table(title: str, joints: Sequence[JointTorque], *columns: Column | N
 
 
 def _driven_joints(report: TorqueReport) -> list[JointTorque]:
-    """Joints of the tables: all, or without the free base if the ground bears it."""
+    """Joints of the tables: all, or without the floating base if the ground supports it."""
     if report.held.support is None:
         return list(report.joints)
-    base_rows = base_velocities(report.load.robot.model)  # torques have a row for each velocity
-    return [joint for row, joint in enumerate(report.joints) if row not in base_rows]
+    base_indices = base_velocities(report.load.robot.model)  # the report has a joint for each velocity
+    return [joint for k, joint in enumerate(report.joints) if k not in base_indices]
 
 
 def _peaks_table(report: TorqueReport) -> Table:
     """Table of the peak torques with their limits and times."""
     joints = _driven_joints(report)
     column = partial(_torque_column, report)
-    bars: list[Cell] = []
-    shares: list[Cell] = []  # in place of the bars in a narrow terminal
+    share_bars: list[Cell] = []
+    share_cells: list[Cell] = []  # in place of the bars in a narrow terminal
     for j in joints:
         if math.isfinite(j.limit):
-            bars.append(Bar(j.share, f"  {percent_of_limit(j.share):>5}"))
-            shares.append(share_cell(j.share))
+            share_bars.append(Bar(j.share, f"  {percent_of_limit(j.share):>5}"))
+            share_cells.append(share_cell(j.share))
         else:
-            bars.append(Line((MISSING, Style.QUIET)))
-            shares.append(Line((MISSING, Style.QUIET)))
+            share_bars.append(Line((MISSING, Style.QUIET)))
+            share_cells.append(Line((MISSING, Style.QUIET)))
     noise_columns: list[Column] = []
     if report.noisy:
-        noise_columns.append(column("± 1σ", [report.reach(j) for j in joints], deviation))
-    if report.derived is not None:
+        deviations = [report.reach(j) for j in joints]
+        noise_columns.append(column("± 1σ", deviations, deviation))
+    if report.derived is not None:  # of the unsmoothed log
         noise_columns.append(column("raw\npeak", [j.raw for j in joints], report.label))
     return _joint_table(
         "Torques",
@@ -212,7 +222,7 @@ def _peaks_table(report: TorqueReport) -> Table:
         *noise_columns,
         column("rms", [j.rms for j in joints], torque),
         column("limit", [j.limit for j in joints], cell_text),
-        words("share of limit", bars, fold=False, narrow=numbers("of\nlimit", shares)),
+        words("share of limit", share_bars, fold=False, narrow=numbers("of\nlimit", share_cells)),
         numbers("when", [j.time for j in joints], seconds, "s"),
     )
 
@@ -223,21 +233,24 @@ def _causes_table(report: TorqueReport) -> Table:
     column = partial(_torque_column, report)
     columns = []
     for term in report.load.causes:
-        torques = [j.terms[term] for j in joints]
-        if not all(map(report.is_zero, torques)):
-            cells = map(partial(_cause_cell, report, term), joints)
-            columns.append(column(cause_label(term), cells, cell_text))
-    if any(abs(j.chance) > MIN_NOISE_SHARE * report.reference(j) for j in joints):
+        if all(report.is_zero(j.terms[term]) for j in joints):
+            continue
+        cells = [_cause_cell(report, term, j) for j in joints]
+        columns.append(column(cause_label(term), cells, cell_text))
+    has_noise = any(abs(j.chance) > MIN_NOISE_SHARE * report.reference(j) for j in joints)
+    if has_noise:
         columns.append(column("noise", [j.chance for j in joints], report.label))
-    columns.append(words("mostly", map(partial(_main_cause_text, report), joints), fold=False))
+    main_causes = [_main_cause_text(report, j) for j in joints]
+    columns.append(words("mostly", main_causes, fold=False))
     return _joint_table("What the peak is made of", joints, *columns)
 
 
 def _cause_cell(report: TorqueReport, term: str, j: JointTorque) -> Line:
-    """Torque of one cause, strong if it is the main one."""
+    """Torque at a joint's peak by one cause, strong if it is the main cause."""
     main_term, _ = j.main_cause
     is_main = term == main_term and not report.is_zero(j.largest)
-    return Line((report.label(j.terms[term]), Style.STRONG if is_main else ""), value=j.terms[term])
+    torque_of_cause = j.terms[term]
+    return Line((report.label(torque_of_cause), Style.STRONG if is_main else ""), value=torque_of_cause)
 
 
 def _main_cause_text(report: TorqueReport, j: JointTorque) -> str:
@@ -251,10 +264,11 @@ def _main_cause_text(report: TorqueReport, j: JointTorque) -> str:
 def _bearings_table(uses: Sequence[BearingUse]) -> Table:
     """Largest loads of bearings that have limits, with their shares."""
     shares = [use.share for use in uses]
+    load_names = [f"{KINDS[use.kind]} [{BEARING_UNITS[use.kind]}]" for use in uses]
     return Table(
         "Bearings",
         words("joint", [use.joint for use in uses]),
-        words("load", [f"{KINDS[use.kind]} [{BEARING_UNITS[use.kind]}]" for use in uses], fold=False),
+        words("load", load_names, fold=False),
         numbers("largest", [use.value for use in uses], torque),
         numbers("limit", [use.limit for use in uses]),
         numbers("of limit", shares, share_cell),
@@ -265,7 +279,7 @@ def _bearings_table(uses: Sequence[BearingUse]) -> Table:
 
 
 def _measured_table(report: TorqueReport) -> Table:
-    """Table of measured and computed torques."""
+    """Table of measured and computed torques, for joints whose sensor is not dead."""
     column = partial(_torque_column, report)
     measured_by_joint = {m.joint: m for m in report.measured if not m.dead}
     joints = [j for j in _driven_joints(report) if j.joint in measured_by_joint]
@@ -292,40 +306,45 @@ def _difference_cell(m: MeasuredTorque) -> Line:
 
 
 def _explanation_table(report: TorqueReport, k: int) -> Table:
-    """Table of the peak of joint k by link and by term."""
+    """Table of the torque of joint k at its peak, by link and by term."""
     joint = report.joints[k]
-    states = report.around
+    states = report.around  # around the worst joint's peak
     peak_row = int(np.argmin(np.abs(states.time - joint.time)))
     explanation = report.load.explain(states[peak_row])
     if abs(joint.chance) > MIN_NOISE_SHARE * report.reference(joint):
         noise = np.zeros(len(report.joints))
         noise[k] = joint.chance
         explanation = explanation.with_term("noise", noise)
-    (link_heading, *headings), *rows = explanation.rows(explanation.joints[k])
+    heading_row, *rows = explanation.rows(explanation.joints[k])
+    link_heading, *headings = heading_row
     links, *columns_of_texts = zip(*rows, strict=True)  # a column for each term and for the sum
-    shown_causes = list(map(explanation.causes.index, links[:-1]))  # the last row is the sum
-    torques_by_link = np.vstack([explanation.parts[:, shown_causes, k].T, explanation.by_term[:, k]])
-    table = np.column_stack([torques_by_link, torques_by_link.sum(axis=1)])
+    link_indices = [explanation.causes.index(link) for link in links[:-1]]  # the last row is the sum
+    torques = np.vstack([explanation.parts[:, link_indices, k].T, explanation.by_term[:, k]])  # (rows, terms)
+    torques_and_sums = np.column_stack([torques, torques.sum(axis=1)])
 
     unit = explanation.units[k]
     columns = [words(link_heading, links)]
-    for heading, texts, torques in zip(headings, columns_of_texts, table.T.tolist(), strict=True):
-        if set(texts) != {NEGLIGIBLE_PART}:  # a term without effect has no column
-            cells = map(_part_cell, texts, torques)
-            columns.append(numbers(heading.removesuffix(f" [{unit}]"), cells, unit=unit, headed=False))
+    for heading, texts, column_torques in zip(headings, columns_of_texts, torques_and_sums.T.tolist(), strict=True):
+        if set(texts) == {NEGLIGIBLE_PART}:  # a term without effect has no column
+            continue
+        name = heading.removesuffix(f" [{unit}]")  # the title has the unit
+        columns.append(numbers(name, map(_part_cell, texts, column_torques), unit=unit, headed=False))
     title = f"Why {joint.joint} at t = {seconds(joint.time)} s"
     if report.load.payloads:
         title += ", payload's part below each term"
-    return Table(f"{title} [{unit}]", *columns, styles=[""] * (len(rows) - 1) + [Style.STRONG])
+    row_styles = [""] * (len(rows) - 1) + [Style.STRONG]  # the sum is strong
+    return Table(f"{title} [{unit}]", *columns, styles=row_styles)
 
 
 def _part_cell(text: str, part: float) -> Cell:
-    """Part of a torque; one that is negligible has the mark of the explanation instead of its number."""
+    """Part of a torque; a negligible part has the mark of the explanation instead of its number."""
     if text == NEGLIGIBLE_PART:
         return Glyphs(text)
     return Line(torque(part), value=part)
 
 
+_LIMIT_DIGITS = 5
+"""Digits of values and limits of the motion."""
 _LIMIT_LABELS = KINDS | {"lower": "position, lower", "upper": "position, upper"}
 """Quantity of each kind of limit; for position limits also the side."""
 
@@ -342,7 +361,7 @@ def _motion_limits_table(excesses: list[Excess], *, degrees: bool) -> Table:
         values.append(excess.value * factor)
         limits.append(excess.limit * factor)
     all_units = ", ".join(dict.fromkeys(units))
-    column = partial(numbers, show=lambda x: number(x, 5), unit=all_units, headed=False)
+    column = partial(numbers, show=partial(number, digits=_LIMIT_DIGITS), unit=all_units, headed=False)
     return Table(
         "Motion limits passed",
         words("joint", [excess.joint for excess in excesses], fold=False),

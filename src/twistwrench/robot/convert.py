@@ -61,8 +61,9 @@ def check_names(robot: Robot, library_names: list[str], library: str) -> None:
 
 
 def positions(body: Body, q: Array) -> Array:
-    """Coordinates of a body's joint; those of a mimic joint follow from its leader's."""
-    q_of_joint = q[..., body.places[0]]
+    """Coordinates of a body's joint; coordinates of a mimic joint follow from its leader's."""
+    q_entries, _ = body.places  # of a mimic joint, entries of its leader
+    q_of_joint = q[..., q_entries]
     if body.follows:
         return body.ratio * q_of_joint + body.offset
     return q_of_joint
@@ -77,7 +78,7 @@ def rates_to(
     *,
     acceleration_offset: AccelerationOffset,
 ) -> Iterator[Array]:
-    """Yield the velocities dq*, and the accelerations ddq*, as far as dq and ddq are given."""
+    """Velocities dq* if dq is given, then accelerations ddq* if ddq is given, too; ``caller`` is named in messages."""
     if dq is None:
         return
     names = robot.velocity_names
@@ -97,7 +98,7 @@ def rates_from(
     *,
     acceleration_offset: AccelerationOffset,
 ) -> Iterator[Array]:
-    """Yield this library's velocities and accelerations, as far as those of the other one, dq and ddq, are given."""
+    """Velocities and accelerations of this library from dq and ddq of the other one, as far as these are given."""
     if dq is None:
         return
     P_inverse = np.linalg.pinv(P)
@@ -159,7 +160,8 @@ def from_mujoco(
         if not body.follows:
             begin = int(joint.qposadr[0])
             coordinates = qpos[begin : begin + body.joint.nq]
-            robot_q[body.places[0]] = body.joint.from_mujoco(coordinates)
+            q_entries, _ = body.places
+            robot_q[q_entries] = body.joint.from_mujoco(coordinates)
     P = mujoco_rates(robot, model, robot_q)
     return robot_q, *rates_from(robot, P, "from_mujoco", dq, ddq, acceleration_offset=_acceleration_offset)
 
@@ -179,9 +181,10 @@ def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
     q = arguments.one(q, "mujoco_rates: q", robot.nq, names=robot.coordinate_names)
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _bodies_with_mujoco_joints(robot, model):
-        block = body.joint.mujoco_rates(q[..., body.places[0]])
+        q_entries, v_entries = body.places
+        block = body.joint.mujoco_rates(q[..., q_entries])
         begin = int(joint.dofadr[0])
-        P[begin : begin + body.joint.nv, body.places[1]] = body.ratio * block
+        P[begin : begin + body.joint.nv, v_entries] = body.ratio * block
     return P
 
 
@@ -189,8 +192,8 @@ def _acceleration_offset(robot: Robot, dq: Array) -> Array:
     """d(P dq)/dt - P ddq in this library's axes: omega × v of each floating joint."""
     offset = np.zeros(robot.nv)
     for body in robot.model.leaders:
-        entries = body.places[1]
-        offset[entries] = body.joint.mujoco_turning(dq[entries])
+        _, v_entries = body.places
+        offset[v_entries] = body.joint.mujoco_turning(dq[v_entries])
     return offset
 
 
@@ -209,16 +212,16 @@ def _bodies_with_mujoco_joints(robot: Robot, model: Any) -> Iterator[tuple[Body,
 
 
 def _joint_name(model: Any, joint_index: int) -> str:
-    """Name of a joint, or its default name from the MJCF reader: ``body3.hinge``, ``body3.slide1``."""
+    """Name of a joint; without one, the default name of the MJCF reader, such as ``body3.hinge`` or ``body3.slide1``."""
     if model.joint(joint_index).name:
         return str(model.joint(joint_index).name)
     body_index = int(model.jnt_bodyid[joint_index])
-    body = model.body(body_index).name or f"body{body_index}"
-    kind = ("free", "ball", "slide", "hinge")[int(model.jnt_type[joint_index])]
-    number = ""
+    body_name = model.body(body_index).name or f"body{body_index}"
+    kind = ("free", "ball", "slide", "hinge")[int(model.jnt_type[joint_index])]  # in the order of MuJoCo's mjtJoint
+    number_in_body = ""
     if model.body_jntnum[body_index] > 1:
-        number = str(joint_index - int(model.body_jntadr[body_index]))
-    return f"{body}.{kind}{number}"
+        number_in_body = str(joint_index - int(model.body_jntadr[body_index]))
+    return f"{body_name}.{kind}{number_in_body}"
 
 
 def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
@@ -277,10 +280,11 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
         elif joint.nq > joint.nv:  # the angle is last, as its cosine and sine
             angle = np.arctan2(coordinates[..., -1:], coordinates[..., -2:-1])
             coordinates = np.concatenate([coordinates[..., :-2], angle], axis=-1)
-        robot_q[..., body.places[0]] = coordinates
+        q_entries, _ = body.places
+        robot_q[..., q_entries] = coordinates
     P_inverse = np.linalg.pinv(pinocchio_rates(robot, model))
-    pinocchio_rate_arrays = [arguments.real(rate, "from_pinocchio: a rate", model.nv).astype(float) for rate in rates]
-    return robot_q, *(rate @ P_inverse.T for rate in pinocchio_rate_arrays)
+    library_rates = [arguments.real(rate, "from_pinocchio: a rate", model.nv).astype(float) for rate in rates]
+    return robot_q, *(rate @ P_inverse.T for rate in library_rates)
 
 
 def pinocchio_rates(robot: Robot, model: Any) -> Array:
@@ -297,8 +301,9 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
     require_pair(robot, model, "Pinocchio")
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _bodies_with_pinocchio_joints(robot, model):
-        block = np.eye(joint.nv)[list(body.joint.pinocchio_order)]
-        P[joint.idx_v : joint.idx_v + joint.nv, body.places[1]] = body.ratio * block
+        permutation = np.eye(joint.nv)[list(body.joint.pinocchio_order)]
+        _, v_entries = body.places
+        P[joint.idx_v : joint.idx_v + joint.nv, v_entries] = body.ratio * permutation
     return P
 
 
@@ -356,8 +361,8 @@ def from_scipy_quaternion(Q: ArrayLike) -> Array:
     return np.roll(scalar_last, 1, axis=-1)
 
 
-# Joints are matched by name, so the other library must have read the same file. With a star for its quantities, there
-# is one matrix P for each library with
+# Joints are matched by name, so the other library must have read the same file. Quantities of the other library have a star.
+# For each library there is one matrix P with
 #
 #     dq* = P dq        and so        τ = P' τ*,    M = P' M* P,    J = J* P.
 #
@@ -393,7 +398,8 @@ def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
         candidate_axes = [-2, -1]
     else:
         candidate_axes = [axis]
-    axes_of_6 = [k for k in candidate_axes if -array.ndim <= k < array.ndim and array.shape[k] == 6]
+    existing_axes = [k for k in candidate_axes if -array.ndim <= k < array.ndim]
+    axes_of_6 = [k for k in existing_axes if array.shape[k] == 6]
     if not axes_of_6:
         raise ShapeError(f"swap_halves: rows has shape {array.shape}, and no axis of 6 where they are wanted.")
     if len(axes_of_6) > 1:

@@ -32,9 +32,11 @@ else:
     from typing import TypeVar
 
 Law = Callable[[float, Array, Array], Any]
-"""A function of (t, q, dq)."""
+"""Control law: function of (t, q, dq)."""
 Method = Literal["dopri5", "rk4", "semi_implicit", "euler", "midpoint", "variational", "variational6"]
+"""Integrators of open robots."""
 ClosedMethod = Literal["rk4", "dopri5", "semi_implicit", "euler"]
+"""Integrators of closed robots."""
 
 
 if TYPE_CHECKING:
@@ -49,14 +51,14 @@ else:
 
 
 def load_by_name(name: str, options: LoadOptions) -> Robot:
-    """Robot that has this name, with the options of :func:`.load`. Raises NotFoundError with similar names."""
+    """Robot with this name, loaded with the options of :func:`.load`. Raises NotFoundError with similar names."""
     from .. import robots
     from ..robots.finding import plain_name, robot_file
     from .load import load
 
     given_options = {option: value for option, value in options.items() if value is not None}
     robot_name = plain_name(name)
-    if robot_name in robots.names():  # its function has defaults: some bundled robots float
+    if robot_name in robots.names():  # its function has the robot's defaults, such as a floating base
         return cast("Robot", getattr(robots, robot_name)(**given_options))
     return load(robot_file(name), **cast("LoadOptions", given_options))
 
@@ -64,9 +66,9 @@ def load_by_name(name: str, options: LoadOptions) -> Robot:
 def clearance_along(
     robot: Robot, samples: Iterable[tuple[Array, Array]], distance: float | None, srdf: str | Path | None = None
 ) -> PathClearance | None:
-    """Least distance between links along a motion, or None if ``distance`` is None, as no distance must be kept.
+    """Least distance between links along a motion; None if ``distance``, the distance to keep, is None.
 
-    ``samples``: portions of times (n,) [s] and configurations (n, nq).
+    ``samples`` are portions of times (n,) [s] and configurations (n, nq).
 
     Raises
     ------
@@ -399,6 +401,7 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         )  # fmt: skip
 
     def _repr_html_(self) -> str | None:
+        """Summary in HTML, which notebooks display."""
         from ..reports.robot_summary import html_summary
 
         return html_summary(cast("Robot", self))

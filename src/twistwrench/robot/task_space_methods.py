@@ -80,10 +80,10 @@ class TaskSpaceMethods(RobotBase):
         return _task_quantity(cast("Robot", self), "task_bias", (q, dq), frame, kind, rows)
 
     def lost_directions(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
-        """Lost directions of a singular configuration: those of the selected rows along which the frame cannot move.
+        """Lost directions of a singular configuration: directions on the selected rows along which the frame cannot move.
 
-        Wrenches along them require no torques, and Λ is zero on them. In a batch, the number of rows is that of the
-        configuration that has lost most; the others are padded with zero rows.
+        Wrenches along them require no torques, and Λ is zero on them. In a batch, ``lost`` is the largest number of lost
+        directions; other configurations are padded with zero rows.
 
         Returns
         -------
@@ -110,7 +110,7 @@ class TaskSpaceMethods(RobotBase):
 def _task_quantity(
     robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
 ) -> Array:
-    """Λ or η by the kernel; recomputed with singular values if pivots are near zero."""
+    """Λ of ``arrays`` (q,), or η of (q, dq), by the kernel ``name``; by singular values if pivots are near zero."""
     from ..mechanics.algorithms.constraint_projector import ConstraintProjector, needs_singular_values
     from ..mechanics.algorithms.kinematics import row_numbers
 
@@ -118,11 +118,11 @@ def _task_quantity(
     arrays = to_numbers(robot.model, name, arrays, {})
     row_count = len(row_indices)
     if robot.nv == 0:
-        robot.jacobian(arrays[0], frame, kind)  # argument validation
+        robot.jacobian(arrays[0], frame, kind)  # raises the errors of invalid arguments
         batch_shape = np.broadcast_shapes(*(np.shape(array)[:-1] for array in arrays))
         result_shape = (row_count, row_count) if name == "task_inertia" else (row_count,)
         return np.zeros((*batch_shape, *result_shape))
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # singular configurations are recomputed below
         results, pivots = robot.engine.call(name, *arrays, frame=frame, kind=kind, rows=row_indices)
     _, _, all_sizes = _samples(robot, frame, kind)
     sizes = all_sizes[list(row_indices)]
@@ -134,31 +134,36 @@ def _task_quantity(
     if not is_singular.any():
         return np.asarray(results)
     _warn_of_lost_rows(robot, frame, kind, row_indices)
-    singular_arrays = []
+    arrays_at_singular = []  # q, or q and dq, of the singular configurations alone
     for array in arrays:
         full_shape = (*is_singular.shape, np.shape(array)[-1])
-        singular_arrays.append(np.broadcast_to(np.asarray(array, float), full_shape)[is_singular])
-    q = singular_arrays[0]
+        arrays_at_singular.append(np.broadcast_to(np.asarray(array, float), full_shape)[is_singular])
+    q = arrays_at_singular[0]
     J = robot.jacobian(q, frame, kind)[:, row_indices]
     M = robot.mass_matrix(q)
     Lambda = ConstraintProjector.from_rows(J, M, sizes).pseudoinverse
     if name == "task_inertia":
         results[is_singular] = Lambda
     else:
-        dq = singular_arrays[1]
+        dq = arrays_at_singular[1]
         M_inverse_h = np.linalg.solve(M, robot.bias_forces(q, dq)[..., None])
         dJ_dq = robot.jacobian_rate(q, dq, frame, kind)[:, row_indices] @ dq[..., None]
-        results[is_singular] = (Lambda @ (J @ M_inverse_h - dJ_dq))[..., 0]
+        eta = Lambda @ (J @ M_inverse_h - dJ_dq)  # (singular configurations, rows, 1)
+        results[is_singular] = eta[..., 0]
     return np.asarray(results)
 
 
+_SAMPLE_COUNT = 8
+"""Number of random configurations at which typical sizes are computed."""
+
+
 def _samples(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array, Array]:
-    """J (8, 6, nv) and M (8, nv, nv) at sample configurations, and typical sizes of the rows of J scaled by M; (6,)."""
+    """J (8, 6, nv) and M (8, nv, nv) at random configurations, and typical sizes (6,) of the rows of J scaled by M."""
     from ..mechanics.algorithms.constraint_projector import usual_sizes
 
     def build() -> tuple[Array, Array, Array]:
         robot.engine.require_invertible()
-        configurations = robot.random_configuration(0, 8)
+        configurations = robot.random_configuration(0, _SAMPLE_COUNT)
         J = np.stack([robot.reference("jacobian", q, frame=frame, kind=kind) for q in configurations])
         M = np.stack([robot.reference("mass_matrix", q) for q in configurations])
         return J, M, usual_sizes(J, M)
@@ -168,16 +173,16 @@ def _samples(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array,
 
 
 def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, row_indices: tuple[int, ...]) -> None:
-    """Warn once of rows that are lost at every configuration."""
+    """Warn, once for a robot and rows, of rows that are lost at every configuration."""
     from ..mechanics.algorithms.constraint_projector import independent_rows
     from ..mechanics.lie.labelled import TWIST
 
-    # A list in the engine's cache that has an entry once the warning was considered.
+    # The engine's cache keeps this list, which has an entry after the first call.
     earlier_calls = robot.engine.cache(("lost rows remarked", frame, kind, row_indices), list)
     if earlier_calls:
         return
     earlier_calls.append(True)
-    order = sorted(row_indices, key=lambda row: (row < 3, row))  # linear rows first
+    order = sorted(row_indices, key=lambda row: (row < 3, row))  # linear rows first, so that they count as independent
     J, M, sizes = _samples(robot, frame, kind)
     independent = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]
     if len(independent) == len(row_indices):
@@ -191,8 +196,8 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, row_indices:
         reasons.append(f"the others determine {' '.join(TWIST[k] for k in dependent)}")
     advice = "this frame does not move along any of them"
     if independent:
-        names = " ".join(TWIST[k] for k in row_indices if k in independent)
-        advice = f"choose independent ones, rows={names!r}"
+        independent_names = " ".join(TWIST[k] for k in row_indices if k in independent)
+        advice = f"choose independent ones, rows={independent_names!r}"
     warnings.warn(
         f"robot {robot.name!r}: of the {len(row_indices)} rows of {frame or robot.tip!r} ({kind!r}) only {len(independent)} "
         f"can move independently at any configuration: {' and '.join(reasons)}. Λ is 0 where no motion is possible, and no "
@@ -243,7 +248,7 @@ class ActuationMethods(RobotBase):
         return gear_torques, rotor_torques
 
     def _accelerate(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
-        """q̈ under torques τ, and τ minus friction for a closed robot with friction, otherwise None."""
+        """q̈ under torques τ; and τ minus friction for a closed robot with friction, None for all others."""
         if not self.constraints:
             return self.open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
         from .constraints.projections import forward_dynamics

@@ -33,15 +33,19 @@ if TYPE_CHECKING:
 __all__ = ["PlacedRobot", "RobotCell", "join"]
 
 _MIN_TIP_DISTANCE = 1e-3
-"""Difference of poses [m, rad] from which the choice between tips matters."""
+"""Difference of the entries of two poses from which the choice between their tips matters."""
 FLOOR = "floor"
 """Frame at which parts stand side by side; made if the cell has none of this name."""
+_MAX_LISTED_NAMES = 4
+"""Largest number of names in a reason."""
+_MAX_LISTED_TIPS = 8
+"""Largest number of possible tips that are listed."""
 _FORM_OF_PART = "FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX, of which all but FILE may be left out"
 """Form of the text of a part, for messages."""
 _PART_PATTERN = re.compile(
     r"(?P<file>.+?)"
     r"(?:@(?P<frame>(?:::|[^@+:])+)"  # a frame may contain ::, as in SDF
-    r"(?:\+(?P<pose>[^:@]*))?)?"
+    r"(?:\+(?P<pose>[^:@]*))?)?"  # only after a frame
     r"(?::(?P<prefix>[\w.-]+))?"
 )
 
@@ -100,15 +104,15 @@ class PlacedRobot:
         match = _PART_PATTERN.fullmatch(text)
         if match is None:
             raise ValueRangeError(f"the part {text!r} is not {_FORM_OF_PART}.")
-        file, frame, pose, prefix = match["file"], match["frame"], match["pose"], match["prefix"]
+        file, frame, pose_text, prefix = match.group("file", "frame", "pose", "prefix")  # None for missing ones
         is_robot = Path(file).is_file() or file in known_robots()
         if not is_robot and prefix is not None:
             path_with_colon = f"{file}:{prefix}"
             if Path(path_with_colon).exists():
                 file, prefix = path_with_colon, None
         T = None
-        if pose is not None:
-            T = _pose(pose, text, degrees=degrees)
+        if pose_text is not None:
+            T = _pose(pose_text, text, degrees=degrees)
         return cls(load(file), frame, T, prefix or "", file)
 
 
@@ -142,7 +146,7 @@ class RobotCell(Answer):
     frames: tuple[str, ...]
     """Frame of the cell at which each part stands."""
     doubts: tuple[Reason, ...] = ()
-    """Why the verdict is UNSURE."""
+    """Reasons why the verdict is UNSURE."""
     call = "join"
 
     @property
@@ -172,24 +176,16 @@ class RobotCell(Answer):
         from ..core.answers.blocks import Headline, Line, Table, numbers, words
 
         model = self.robot.model
-        tip_text = f"the tip {model.tip}"
-        if model.tip is None:
-            tip_text = "no single tip"
-        base_text = ""
-        if _joint_count(model) != len(model.leaders):
-            base_text = "a floating base, "
-        bodies_and_joints = f"{len(model.bodies)} moving bodies, {_joint_count(model)} joints"
-        mass_text = f"{number(model.moving_mass)} kg that move"
-        content = f"{self.robot.name} has {bodies_and_joints}, {base_text}{mass_text}, and {tip_text}."
-        further_lines = []
+        properties = _properties_sentence(self.robot)
+        lines_below = []
         if self.doubts:
-            further_lines.append(Line(content))
+            lines_below.append(Line(properties))
         if model.tip is None:
-            further_lines.append(Line(_possible_tips_sentence(model)))
+            lines_below.append(Line(_possible_tips_sentence(model)))
         if self.doubts:
-            yield Headline(Word.UNSURE, f"{'; '.join(self.doubts)}.", further=further_lines)
+            yield Headline(Word.UNSURE, f"{'; '.join(self.doubts)}.", further=lines_below)
         else:
-            yield Headline(Word.DONE, content, further=further_lines)
+            yield Headline(Word.DONE, properties, further=lines_below)
         yield ""
         names, prefixes, joint_counts, masses = [], [], [], []
         for part in self.parts:
@@ -273,11 +269,11 @@ def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> RobotCell:
     >>> cell.robot.joint_names[-2:], cell.robot.tip
     (('hand_joint1', 'hand_joint2'), 'hand_tip')
     """
-    placed = [_part_of(part, degrees=degrees) for part in parts]
-    if not placed:
+    placed_robots = [_placed_robot(part, degrees=degrees) for part in parts]
+    if not placed_robots:
         raise ValueRangeError(f"there is nothing to join. Give robots, each {_FORM_OF_PART}.")
-    cell_name = name or "_".join(part.robot.name for part in placed)
-    cell, parts_to_attach, frames = _first_robot(placed)
+    cell_name = name or "_".join(part.robot.name for part in placed_robots)
+    cell, parts_to_attach, frames = _first_robot(placed_robots)
     doubts: list[Reason] = []
     for part in parts_to_attach:
         frame = part.frame or _tip_of(cell, part)
@@ -285,21 +281,22 @@ def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> RobotCell:
             other_tips = _tips_beside(cell.model, frame)
             if other_tips:
                 remedy = f"name the frame, {part.file or part.robot.name}@FRAME"
-                text = f"{part.robot.name} stands at {frame}, and {listed(other_tips, 4)} is a tip too; {remedy}"
+                tips_text = listed(other_tips, _MAX_LISTED_NAMES)
+                text = f"{part.robot.name} stands at {frame}, and {tips_text} is a tip too; {remedy}"
                 doubts.append(Reason(text, remedy))
         cell = cell.attach(part.robot, frame, part.pose, prefix=part.prefix, name=cell_name)
         frames.append(frame)
     massless = massless_links(cell.model)
     if massless:
         verb = "have" if len(massless) > 1 else "has"
-        doubts.append(Reason(f"{listed(massless, 4)} {verb} no mass"))
-    return RobotCell(cell, tuple(placed), tuple(frames), tuple(doubts))
+        doubts.append(Reason(f"{listed(massless, _MAX_LISTED_NAMES)} {verb} no mass"))
+    return RobotCell(cell, tuple(placed_robots), tuple(frames), tuple(doubts))
 
 
 def _first_robot(parts: Sequence[PlacedRobot]) -> tuple[Robot, Sequence[PlacedRobot], list[str]]:
     """Robot to which parts are attached, these parts, and the frames of the parts that it contains.
 
-    It is the first part, or a floor if the first part stands on one, is moved or has a prefix.
+    The robot is the first part. It is a floor if a part needs one, or if the first part has a pose or a prefix.
     """
     first = parts[0]
     if first.frame not in (None, FLOOR):
@@ -315,7 +312,8 @@ def _first_robot(parts: Sequence[PlacedRobot]) -> tuple[Robot, Sequence[PlacedRo
     return floor, [replace(first, frame=FLOOR), *parts[1:]], []
 
 
-def _part_of(part: PartGiven, *, degrees: bool) -> PlacedRobot:
+def _placed_robot(part: PartGiven, *, degrees: bool) -> PlacedRobot:
+    """Robot and place of a part in any of its forms."""
     if isinstance(part, PlacedRobot):
         return part
     if isinstance(part, Robot):
@@ -330,48 +328,67 @@ def _part_of(part: PartGiven, *, degrees: bool) -> PlacedRobot:
 def _tip_of(cell: Robot, part: PlacedRobot) -> str:
     """Tip of the cell, at which a part without a frame stands."""
     if cell.tip is None:
+        tips_text = listed(cell.model.leaves, _MAX_LISTED_TIPS)
         raise FrameError(
-            f"{part.robot.name} has no frame, and the cell so far has several tips: {listed(cell.model.leaves, 8)}. "
+            f"{part.robot.name} has no frame, and the cell so far has several tips: {tips_text}. "
             f"Name one, {part.file or part.robot.name}@{cell.model.leaves[0]}."
         )
     return cell.tip
 
 
+def _properties_sentence(robot: Robot) -> str:
+    """Sentence with the numbers of bodies and joints, the mass and the tip of a cell."""
+    model = robot.model
+    joint_count = _joint_count(model)
+    tip_text = "no single tip" if model.tip is None else f"the tip {model.tip}"
+    base_text = ""
+    if joint_count != len(model.leaders):
+        base_text = "a floating base, "
+    mass_text = f"{number(model.moving_mass)} kg that move"
+    bodies_and_joints = f"{len(model.bodies)} moving bodies, {joint_count} joints"
+    return f"{robot.name} has {bodies_and_joints}, {base_text}{mass_text}, and {tip_text}."
+
+
 def _possible_tips_sentence(model: Model) -> str:
-    """Sentence on a cell that ends in several frames, of which none is the default frame."""
+    """Sentence on a cell that ends in several frames, of which none is the tip."""
     tips = model.possible_tips
-    payload = spell(Argument("payload", f"4@{tips[0]}"))
-    tip = spell(Argument("tip", tips[0]))
-    return f"A payload needs a frame, {payload}, or the robot a tip, {tip}. Possible tips: {listed(tips, 8)}."
+    payload_argument = spell(Argument("payload", f"4@{tips[0]}"))
+    tip_argument = spell(Argument("tip", tips[0]))
+    tips_text = listed(tips, _MAX_LISTED_TIPS)
+    return (
+        f"A payload needs a frame, {payload_argument}, or the robot a tip, {tip_argument}. Possible tips: {tips_text}."
+    )
 
 
 def _joint_count(model: Model) -> int:
-    """Number of joints that are driven, without that of a floating base."""
+    """Number of driven joints; the joint of a floating base is not driven."""
     return sum(body.joint.driven for body in model.leaders)
 
 
 def _tips_beside(model: Model, tip: str) -> list[str]:
-    """Other tips of the same body whose pose differs."""
+    """Other tips on the body of ``tip`` whose poses differ from its pose."""
     tip_frame = model.all_frames[tip]
-    tips = []
+    other_tips = []
     for name in model.leaves:
         frame = model.frames[name]
         if name == tip or frame.body != tip_frame.body:
             continue
         if not np.allclose(frame.pose, tip_frame.pose, atol=_MIN_TIP_DISTANCE):
-            tips.append(name)
-    return tips
+            other_tips.append(name)
+    return other_tips
 
 
 def _pose(text: str, part: str, *, degrees: bool) -> Array:
-    """Pose (4, 4) of the text x,y,z,roll,pitch,yaw or x,y,z; ``part``: the text of the part, for errors."""
-    values = text.split(",")
-    if len(values) not in (3, 6):
-        raise ValueRangeError(f"the pose of {part!r} has {len(values)} numbers. Give x,y,z or x,y,z,roll,pitch,yaw.")
-    angle_unit = math.radians(1.0) if degrees else 1.0
-    position = [_number(value, part) for value in values[:3]]
-    angles = values[3:] or ("0", "0", "0")
-    rpy = [_angle(angle.strip(), part, angle_unit) for angle in angles]
+    """Pose (4, 4) of the text x,y,z,roll,pitch,yaw or x,y,z. ``part`` is the text of the part, for messages."""
+    number_texts = text.split(",")
+    if len(number_texts) not in (3, 6):
+        raise ValueRangeError(
+            f"the pose of {part!r} has {len(number_texts)} numbers. Give x,y,z or x,y,z,roll,pitch,yaw."
+        )
+    angle_unit = math.radians(1.0) if degrees else 1.0  # [rad]
+    position = [_number(number_text, part) for number_text in number_texts[:3]]
+    angle_texts = number_texts[3:] or ("0", "0", "0")
+    rpy = [_angle(angle_text.strip(), part, angle_unit) for angle_text in angle_texts]
     return se3.pose(rotation_of_rpy(rpy), position)
 
 
@@ -387,8 +404,9 @@ def _angle(text: str, part: str, unit: float) -> float:
 
 
 def _number(text: str, part: str) -> float:
-    """Number of a text; ``part``: the text of the part, for errors."""
-    return arguments.parse_numbers(text.strip(), f"a number of the part {part!r},", "one number", 1)[0]
+    """Number of a text. ``part`` is the text of the part, for messages."""
+    value, *_ = arguments.parse_numbers(text.strip(), f"a number of the part {part!r},", "one number", 1)
+    return value
 
 
 complete(globals())

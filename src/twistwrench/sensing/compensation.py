@@ -37,11 +37,13 @@ SensorGiven: TypeAlias = ForceTorqueSensor | Identification | str | Path
 FALSE_ALARM_RATE = 1e-6
 """Probability that noise alone makes a reading an outlier."""
 MIN_SHARE_OF_UNKNOWN_INERTIA = 0.1
-"""Fraction of unexplained moments above which an unknown inertia shows."""
+"""Fraction of readings with unexplained moments above which an unknown inertia shows."""
 _NAMED_CAUSES = ("sensor-file-cause", "sensor-moving")
 """Kinds of doubts that name a cause."""
 MIN_MODEL_ERROR = 1e-3
 """Smallest error of the model, relative to the load's wrench. Noise below it is not relied upon."""
+_MIN_DEVIATION = 1e-9
+"""Smallest standard deviation of noise and model error together [N m or N], so that quotients stay finite."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +66,7 @@ class Compensation(Answer):
     call: ClassVar[str] = "sensor compensate"
 
     log: ReadingLog
-    """Readings."""
+    """Readings, with orientations and gravity."""
     sensor: ForceTorqueSensor
     """Sensor with its load."""
     noise: tuple[float, float]
@@ -96,13 +98,17 @@ class Compensation(Answer):
 
     @property
     def inertia(self) -> Doubt | None:
-        """Doubt about residual moments due to an unknown load inertia, if any."""
-        return next((doubt for doubt in self.doubts if doubt.kind == "sensor-file-inertia"), None)
+        """Doubt about residual moments due to an unknown load inertia; None if there is none."""
+        for each_doubt in self.doubts:
+            if each_doubt.kind == "sensor-file-inertia":
+                return each_doubt
+        return None
 
     @property
     def explained(self) -> bool:
-        """True unless the sensor file and the log do not match."""
-        return not any(doubt.refuses and doubt is not self.inertia for doubt in self.doubts)
+        """True if the sensor explains the log, except for an unknown inertia of its load."""
+        mismatches = [doubt for doubt in self.doubts if doubt.refuses and doubt is not self.inertia]
+        return not mismatches
 
     @cached_property
     def hits(self) -> Array:
@@ -113,7 +119,7 @@ class Compensation(Answer):
 
     @property
     def verdict(self) -> Verdict:
-        """LOOK AGAIN if a doubt refuses the result; else CONTACT or OK."""
+        """CONTACT if there are contacts, LOOK AGAIN if a doubt refuses the result, else OK."""
         hit_count = int(self.hits.sum())
         if hit_count:
             return Verdict(Word.CONTACT, (f"{hit_count} of {len(self.log)} readings are more than noise explains",))
@@ -133,7 +139,7 @@ class Compensation(Answer):
         return compensation_view(self)
 
     def facts(self) -> Mapping[str, str]:
-        """Number of contacts if they were tested, or else the share of the readings that noise explains.
+        """Number of contacts if they were tested; otherwise the share of readings that noise explains.
 
         Returns
         -------
@@ -141,7 +147,8 @@ class Compensation(Answer):
         """
         if self.threshold is not None and self.explained:
             return {"contacts": f"{self.hits.sum()} of {len(self.log)} readings"}
-        return {"explained": percent(float(np.mean(~self.off)), 3)}
+        explained_share = float(np.mean(~self.off))
+        return {"explained": percent(explained_share, 3)}
 
     def sources(self) -> Mapping[str, str | Path]:
         """Files of the log and of the sensor.
@@ -217,7 +224,7 @@ def compensate(
 def _known_sensor(
     sensor: SensorGiven, noise: tuple[float, float] | None, uncertainty: Uncertainty | None
 ) -> tuple[SensorFile, dict[str, Path]]:
-    """Sensor with the noise and the uncertainty of its readings, and its file."""
+    """Sensor with the noise and the uncertainty of its readings, and its file by argument; no file without one."""
     files: dict[str, Path] = {}
     if isinstance(sensor, ForceTorqueSensor):
         if noise is None:
@@ -241,16 +248,19 @@ def _test_residuals(
 ) -> Compensation:
     """Residuals of a log, tested by the uncertainty of its sensor."""
     sensor, noise, uncertainty = known.sensor, known.noise, known.uncertainty
-    missing_moments = sensor.missing_signals(log.V, log.dV)
-    tested_axes = slice(3, 6) if missing_moments else slice(0, 6)
+    lacks_inertia = sensor.missing_signals(log.V, log.dV)
+    tested_axes = slice(3, 6) if lacks_inertia else slice(0, 6)  # forces alone, or all
     notes = []
+    noise_variance = np.repeat(noise, 3) ** 2
+    freedom = None  # degrees of freedom of Student's distribution; None for a normal one
     if uncertainty is None:
         if false_alarms is not None:
             notes.append(doubt("sensor-file-covariance"))
-            checked_noise(noise)
-        S, freedom = np.diag(np.repeat(noise, 3) ** 2), None
+            checked_noise(noise)  # raises ValueRangeError for unusable noise
+        S = np.diag(noise_variance)
     else:
-        S, freedom = uncertainty.predictive(log, sensor), uncertainty.noise_freedom
+        S = uncertainty.predictive(log, sensor)
+        freedom = uncertainty.noise_freedom
     threshold = None
     if false_alarms is not None:
         threshold = CollisionThreshold.predictive(S, freedom, false_alarms, axes=tested_axes)
@@ -258,32 +268,40 @@ def _test_residuals(
         warnings.simplefilter("ignore", ModelWarning)  # reported as a doubt
         rest = log.compensated(sensor)
     load_wrenches = (log.predicted(sensor) - np.asarray(sensor.bias)).reshape(-1, 2, 3)
-    load = np.sqrt((load_wrenches**2).sum(axis=2).mean(axis=0))
-    level = np.maximum(np.hypot(noise, MIN_MODEL_ERROR * load), 1e-9)  # noise and model error of moments and forces
+    rms_load = np.sqrt((load_wrenches**2).sum(axis=2).mean(axis=0))  # (2,): moment [N m] and force [N]
+    deviation = np.maximum(np.hypot(noise, MIN_MODEL_ERROR * rms_load), _MIN_DEVIATION)  # of noise and model error
+    variance = np.repeat(deviation, 3) ** 2
     if uncertainty is None:
-        S_with_model_error = np.diag(np.repeat(level, 3) ** 2)
+        S_with_model_error = np.diag(variance)
     else:
-        S_with_model_error = S + np.diag(np.maximum(np.repeat(level, 3) ** 2 - np.repeat(noise, 3) ** 2, 0.0))
-    test = CollisionThreshold.predictive(S_with_model_error, freedom, FALSE_ALARM_RATE, axes=tested_axes)
-    off = test(rest)
-    if missing_moments:
-        is_outlier = CollisionThreshold.of_noise(tuple(level), FALSE_ALARM_RATE, axes=slice(0, 3))
-        inertia_shows = is_outlier(rest).mean() > MIN_SHARE_OF_UNKNOWN_INERTIA
+        model_variance = np.maximum(variance - noise_variance, 0.0)
+        S_with_model_error = S + np.diag(model_variance)
+    outlier_test = CollisionThreshold.predictive(S_with_model_error, freedom, FALSE_ALARM_RATE, axes=tested_axes)
+    is_outlier = outlier_test(rest)
+    if lacks_inertia:
+        moment_test = CollisionThreshold.of_noise(tuple(deviation), FALSE_ALARM_RATE, axes=slice(0, 3))
+        inertia_shows = moment_test(rest).mean() > MIN_SHARE_OF_UNKNOWN_INERTIA
         refuses = inertia_shows and threshold is None
         notes.append(doubt("sensor-file-inertia", level="refuse" if refuses else None))
-    doubts = _mismatch_doubts(log, sensor, noise, rest, off=off, level=level, tested_axes=tested_axes)
-    sigma = np.sqrt(np.broadcast_to(np.diagonal(S_with_model_error, axis1=-2, axis2=-1), rest.shape))
-    cause = departure(log, sensor, rest, sigma, test if threshold is None else threshold)
-    if cause and not any(mismatch.kind in _NAMED_CAUSES for mismatch in doubts):
-        doubts = [cause]
+    doubts = _mismatch_doubts(
+        log, sensor, noise, rest, is_outlier=is_outlier, deviation=deviation, tested_axes=tested_axes
+    )
+    reading_variance = np.diagonal(S_with_model_error, axis1=-2, axis2=-1)
+    sigma = np.sqrt(np.broadcast_to(reading_variance, rest.shape))
+    departure_doubt = departure(log, sensor, rest, sigma, outlier_test if threshold is None else threshold)
+    has_cause = any(mismatch.kind in _NAMED_CAUSES for mismatch in doubts)
+    if departure_doubt and not has_cause:
+        doubts = [departure_doubt]
     all_doubts = (*notes, *doubts, *log.motion_doubts())
-    return Compensation(log, sensor, noise, rest, off, all_doubts, threshold, files)
+    return Compensation(log, sensor, noise, rest, is_outlier, all_doubts, threshold, files)
 
 
 MIN_RATIO_TO_NOISE = 5.0
-"""Smallest ratio of residual to noise for which a cause is sought, and smallest ratio by which it must reduce the residual."""
+"""Ratio of residual to noise from which a cause is sought. A cause must reduce the residual by this ratio, too."""
 MIN_DIRECTION_SPREAD = 0.3
-"""Spread of gravity directions above which a constant residual is a bias."""
+"""Range of a component of unit gravity vectors from which a constant residual is a bias."""
+_MIN_RELATIVE_NOISE = 1e-6
+"""Smallest noise in the comparison of causes, relative to the largest predicted reading."""
 _ALL_KILOGRAMS = Mixup("forces are in kilograms and moments in kg m", KGF, KGF)
 """Mixup that changes only the mass, so that it shows only if the mass is known."""
 
@@ -298,65 +316,67 @@ class _Explanation(NamedTuple):
 
 
 def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> Doubt | None:
-    """Unit, sign or bias error that explains the log much better with this sensor; None if not found."""
+    """Doubt that names a unit, sign or bias error that explains the log much better; None if there is no such error."""
     predicted = log.predicted(sensor)
-    sigma = np.maximum(noise, 1e-6 * (1.0 + np.abs(predicted).max()))
+    sigma = np.maximum(noise, _MIN_RELATIVE_NOISE * (1.0 + np.abs(predicted).max()))  # (2,): moments and forces
     if sensor.missing_signals(log.V, log.dV):
         sigma[0] = np.inf  # the moments due to the inertia are unknown
 
-    def size(rest: Array) -> float:
-        """Median of the residuals of readings, in units of the noise."""
-        scaled = np.linalg.norm(rest.reshape(-1, 2, 3), axis=2) / sigma
-        return float(np.median(np.linalg.norm(scaled, axis=1)))
+    def median_ratio(rest: Array) -> float:
+        """Median over the readings of the ratio of residual to noise."""
+        ratios = np.linalg.norm(rest.reshape(-1, 2, 3), axis=2) / sigma
+        return float(np.median(np.linalg.norm(ratios, axis=1)))
 
-    given_size = size(log.readings - predicted)
-    if given_size < MIN_RATIO_TO_NOISE:
+    ratio = median_ratio(log.readings - predicted)
+    if ratio < MIN_RATIO_TO_NOISE:
         return None
     for explanations in (_input_mistakes(log, sensor, predicted), _moved_bias(log, predicted)):
-        best = min(explanations, key=lambda explanation: size(explanation.rest), default=None)
-        if best is not None and size(best.rest) <= given_size / MIN_RATIO_TO_NOISE:
+        best = min(explanations, key=lambda explanation: median_ratio(explanation.rest), default=None)
+        if best is not None and median_ratio(best.rest) <= ratio / MIN_RATIO_TO_NOISE:
             return doubt("sensor-file-cause", cause=best.cause, cure=best.cure)
     return None
 
 
 def _input_mistakes(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array) -> list[_Explanation]:
-    """Residuals with other units, signs, columns and direction of gravity."""
+    """Possible mistakes of units, signs, columns and the direction of gravity, each with its residuals."""
     r = log.readings
     explanations = []
     for mixup in (*MIXUPS, _ALL_KILOGRAMS):
-        converted = r * np.repeat([mixup.moment, mixup.force], 3)
-        explanations.append(_Explanation(mixup.cause, mixup.cure, converted - predicted))
+        corrected = r * np.repeat([mixup.moment, mixup.force], 3)
+        explanations.append(_Explanation(mixup.cause, mixup.cure, corrected - predicted))
     other_sign = "by_sensor" if sensor.sign == "on_sensor" else "on_sensor"
     cause = f"readings have the sign {other_sign}"
     cure = "change their signs, or identify the sensor from such a log"
     explanations.append(_Explanation(cause, cure, -r - predicted))
     cause = "forces and moments are swapped"
     cure = "exchange mx, my, mz with fx, fy, fz"
-    explanations.append(_Explanation(cause, cure, np.roll(r, 3, 1) - predicted))
+    exchanged = np.roll(r, 3, axis=1)
+    explanations.append(_Explanation(cause, cure, exchanged - predicted))
     cause = "gravity points up"
     cure = "orientations are of a world whose z points down"
     if log.by_gravity:
         cause = "gx, gy, gz point up, as an accelerometer logs them"
         cure = "negate them"
-    upward = sensor.predict(np.eye(3), log.V, log.dV, gravity=-log.gravity)
-    explanations.append(_Explanation(cause, cure, r - upward))
+    predicted_upside_down = sensor.predict(np.eye(3), log.V, log.dV, gravity=-log.gravity)
+    explanations.append(_Explanation(cause, cure, r - predicted_upside_down))
     return explanations
 
 
 def _moved_bias(log: ReadingLog, predicted: Array) -> list[_Explanation]:
-    """Residuals without their median, as by a bias that has moved; empty if the log has one orientation."""
+    """A change of the bias, with the residuals without it; empty if the sensor has nearly one orientation."""
     directions = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    if np.ptp(directions, axis=0).max() < MIN_DIRECTION_SPREAD:  # a contact may then look like a bias
+    spread = np.ptp(directions, axis=0).max()
+    if spread < MIN_DIRECTION_SPREAD:  # a contact may then look like a bias
         return []
-    moved = np.median(log.readings - predicted, axis=0)
-    cause = f"the bias has moved by {listed_bias(moved)} [N m, N], as sensors drift or are zeroed"
-    return [_Explanation(cause, "identify the sensor again", log.readings - moved - predicted)]
+    bias_change = np.median(log.readings - predicted, axis=0)
+    cause = f"the bias has moved by {listed_bias(bias_change)} [N m, N], as sensors drift or are zeroed"
+    return [_Explanation(cause, "identify the sensor again", log.readings - bias_change - predicted)]
 
 
 MIN_SHARE_OF_OUTLIERS = 0.75
-"""Fraction of unexplained readings from which on the file does not fit the log."""
+"""Fraction of unexplained readings from which the file does not fit the log."""
 MIN_RATIO_OF_INCREASE = 5.0
-"""Ratio of residual to noise above which an increase by compensation counts."""
+"""Ratio of residual to noise above which readings may count as increased by compensation."""
 
 
 def _mismatch_doubts(
@@ -365,17 +385,20 @@ def _mismatch_doubts(
     noise: tuple[float, float],
     rest: Array,
     *,
-    off: Array,
-    level: Array,
+    is_outlier: Array,
+    deviation: Array,
     tested_axes: slice,
 ) -> list[Doubt]:
-    """Doubt about a log that the sensor's file does not fit, with a cause if one is found; empty if it fits."""
-    moment_level, force_level = level
-    tested = [("forces", "N", slice(3, 6), force_level)]
+    """Doubt about a log that the sensor's file does not fit, with a cause if one is found; empty if it fits.
+
+    ``deviation`` (2,) holds the standard deviations of moments and forces by noise and model error.
+    """
+    moment_deviation, force_deviation = deviation
+    tested_quantities = [("forces", "N", slice(3, 6), force_deviation)]
     if tested_axes.start == 0:
-        tested.insert(0, ("moments", "N m", slice(0, 3), moment_level))
+        tested_quantities.insert(0, ("moments", "N m", slice(0, 3), moment_deviation))
     evidence = []
-    for quantity, unit, axes, sigma in tested:
+    for quantity, unit, axes, sigma in tested_quantities:
         before = float(np.median(np.linalg.norm(log.readings[:, axes], axis=1)))
         after = float(np.median(np.linalg.norm(rest[:, axes], axis=1)))
         if after > before and after > MIN_RATIO_OF_INCREASE * sigma:
@@ -385,8 +408,8 @@ def _mismatch_doubts(
     cause = log_doubt(log, sensor, noise)
     if cause:
         return [cause]
-    if off.mean() >= MIN_SHARE_OF_OUTLIERS:
-        evidence.insert(0, f"{off.sum()} of {len(log)} readings are off by more than its noise")
+    if is_outlier.mean() >= MIN_SHARE_OF_OUTLIERS:
+        evidence.insert(0, f"{is_outlier.sum()} of {len(log)} readings are off by more than its noise")
     if not evidence:
         return []
     if seems_moving(log):

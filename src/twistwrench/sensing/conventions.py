@@ -28,7 +28,7 @@ class Diagnosis:
 
     sign: Sign
     fit: Fit
-    kept: Array  # (n,) mask of used rows
+    kept: Array  # (n,) mask of the used rows, those that are not outliers
 
     @property
     def turn(self) -> bool:
@@ -63,9 +63,9 @@ class Diagnosis:
         sign = spell(Argument("sign", self.sign))
         if not self.turn:
             return sign
-        turn = float(np.linalg.norm(so3.log(self.fit.mounting)))
+        angle = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
         unknown_mounting = spell(Argument("assume", "orientation"))
-        return f"{sign} with {unknown_mounting} (turned by {number(math.degrees(turn), 3)}°)"
+        return f"{sign} with {unknown_mounting} (turned by {number(angle, 3)}°)"
 
     def improves(self, other: Fit) -> bool:
         """True if the residual noise is significantly less than that of another fit of the same log."""
@@ -94,7 +94,7 @@ def with_guessed_mounting(problem: Problem) -> Problem:
 
 
 def others(sign: Sign, problem: Problem) -> list[Diagnosis]:
-    """Fits of the log by another sign, or with the mounting known instead of unknown or unknown instead of known.
+    """Fits of the log with other conventions: with the other sign, with a known or unknown mounting, or with both changed.
 
     Only fits with a positive mass are returned, sorted by noise.
     """
@@ -112,18 +112,18 @@ def others(sign: Sign, problem: Problem) -> list[Diagnosis]:
 def indistinguishable_from_the_best(explanations: list[Diagnosis]) -> list[Diagnosis]:
     """Explanations not significantly worse than the first, which has the least noise.
 
-    An unknown mounting is left out if the same sign is among them with a known mounting, which is simpler.
+    An explanation with an unknown mounting is left out if its sign also explains the log with a known mounting.
     """
     best = explanations[0]
-    good = [e for e in explanations if e is best or e.equals(best.fit, best.kept)]
-    signs_without_turn = {e.sign for e in good if not e.turn}
-    return [e for e in good if not (e.turn and e.sign in signs_without_turn)]
+    equal_to_best = [e for e in explanations if e is best or e.equals(best.fit, best.kept)]
+    signs_with_known_mounting = {e.sign for e in equal_to_best if not e.turn}
+    return [e for e in equal_to_best if not (e.turn and e.sign in signs_with_known_mounting)]
 
 
 def first_guess(problem: Problem) -> Array:
-    """Initial guess of the mounting R_fs (3, 3) from forces f = bias ± m R_fs' g.
+    """Initial guess of the mounting R_fs (3, 3) from forces f = bias ± m R_fs' g, for a point mass at the origin of {f}.
 
-    It is the rotation nearest to the matrix m R_fs' that fits them best, for a point mass at the origin of {f}.
+    The guess is the rotation nearest to the matrix m R_fs' that fits the forces best.
     """
     log = problem.log
     g = log.gravity
@@ -135,16 +135,18 @@ def first_guess(problem: Problem) -> Array:
         f = f - f.mean(axis=0)
     else:
         f = f - problem.bias[3:]
-    M = problem.factor * np.linalg.lstsq(g, f, rcond=None)[0].T  # m R_fs'
+    solution, *_ = np.linalg.lstsq(g, f, rcond=None)
+    M = problem.factor * solution.T  # m R_fs'
     U, _, Vt = np.linalg.svd(M)
-    return np.asarray((U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt).T)
+    R_sf = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return np.asarray(R_sf.T)
 
 
 def _has_significantly_less_noise(fit: Fit, other: Fit, rows: Array) -> bool:
     """True if the residuals of a fit are significantly less than those of another (F test of the variances)."""
     from scipy import special
 
-    scale = np.repeat(fit.spread(rows), 3)  # of moments and forces, so that both count alike
+    scale = np.repeat(fit.spread(rows), 3)  # (6,) sizes of moments and forces, so that both have equal weight
     variance, freedom = _residual_variance(fit, rows, scale)
     other_variance, other_freedom = _residual_variance(other, rows, scale)
     return other_variance / variance > float(special.fdtri(other_freedom, freedom, 1 - SIGNIFICANCE))
@@ -157,25 +159,25 @@ def _residual_variance(fit: Fit, rows: Array, scale: Array) -> tuple[float, floa
 
 
 def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
-    """Fit with an estimated bias if significantly better than with the given one; else None.
+    """Fit with an estimated bias if it is significantly better than that with the given bias; else None.
 
-    An F test compares what six more unknowns explain with the residuals that remain.
+    An F test compares the residuals that six more unknowns explain with the residuals that remain.
     """
     if found.fit.unknowns.bias:
         return None
     from scipy import special
 
-    free = explain(found.sign, problem.with_unknowns(bias=True))
-    if free is None or free.mass <= 0:
+    with_free_bias = explain(found.sign, problem.with_unknowns(bias=True))
+    if with_free_bias is None or with_free_bias.mass <= 0:
         return None
-    rows = free.kept & found.kept
-    scale = np.maximum(free.fit.deviation[rows], 1e-12)
-    free_sum = float(((free.fit.residuals[rows] / scale) ** 2).sum())
+    rows = with_free_bias.kept & found.kept
+    scale = np.maximum(with_free_bias.fit.deviation[rows], 1e-12)  # above 0, as a divisor
+    free_sum = float(((with_free_bias.fit.residuals[rows] / scale) ** 2).sum())
     given_sum = float(((found.fit.residuals[rows] / scale) ** 2).sum())
-    freedom = max(6.0 * rows.sum() - len(free.fit.unknowns.names), 1.0)
+    freedom = max(6.0 * rows.sum() - len(with_free_bias.fit.unknowns.names), 1.0)
     limit = float(special.fdtri(6.0, freedom, 1 - SIGNIFICANCE))
     if (given_sum - free_sum) / 6 > limit * max(free_sum, 1e-9) / freedom:
-        return free
+        return with_free_bias
     return None
 
 
@@ -189,14 +191,14 @@ def swap_forces_and_moments(problem: Problem, reference: Diagnosis) -> Diagnosis
     noise = None if problem.noise is None else problem.noise[_SWAP]
     problem = replace(problem, log=swapped_log, bias=problem.bias[_SWAP], within=problem.within[_SWAP], noise=noise)
     reference_fit: Fit = replace(reference.fit, residuals=reference.fit.residuals[:, _SWAP])
-    better = []
+    better_explanations = []
     for sign in get_args(Sign):
         explanation = explain(sign, problem.with_unknowns(turn=False))
         if explanation is None or explanation.mass <= 0:
             continue
         if explanation.improves(reference_fit):
-            better.append(explanation)
-    return min(better, key=lambda explanation: explanation.noise_product, default=None)
+            better_explanations.append(explanation)
+    return min(better_explanations, key=lambda explanation: explanation.noise_product, default=None)
 
 
 def upside_down(found: Diagnosis, problem: Problem, reference: Diagnosis) -> Diagnosis | None:

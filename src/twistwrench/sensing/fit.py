@@ -51,7 +51,7 @@ class Problem:
     count: Array
     """Number (n,) of readings in each row."""
     within: Array
-    """Variance (6,) of a reading within its static pose; zero if unknown."""
+    """Variance (6,) of a reading within its static pose, a dwell; zero if unknown."""
     within_freedom: float
     """Degrees of freedom of ``within``."""
     label: Array
@@ -82,11 +82,11 @@ class Fit:
     covariance: Array
     """Sandwich covariance (p, p), for intervals; for the turn, of a small rotation in the sensor's axes [rad]."""
     known: Array
-    """Degrees of freedom (p,) of each unknown's variance."""
+    """Degrees of freedom (p,) by which the variance of each unknown is known."""
     com_known: Array
     """Degrees of freedom (3,) of first moment minus mass times centre of mass, as used by Fieller's intervals."""
     joint: Array
-    """Covariance (p, p) for joint regions, as if rows were independent; it has full rank."""
+    """Covariance (p, p) for regions of several unknowns together, as if rows were independent; it has full rank."""
     joint_freedom: float
     """Degrees of freedom of mass and first moment together."""
     sigma: Array
@@ -110,8 +110,8 @@ class Fit:
     @property
     def load(self) -> Array:
         """Ten inertial parameters; the inertia is zero unless it is an unknown."""
-        part = self.estimate[self.unknowns.load]
-        return np.concatenate([part, np.zeros(10 - len(part))])
+        estimated_parameters = self.estimate[self.unknowns.load]
+        return np.concatenate([estimated_parameters, np.zeros(10 - len(estimated_parameters))])
 
     @property
     def mounting(self) -> Array:
@@ -132,26 +132,27 @@ class Fit:
     def interval(self, name: str, confidence: float) -> tuple[float, float]:
         """Confidence interval of an unknown, in its SI unit; centred on zero for ``turn`` and ``tilt``."""
         k = self.unknowns.names.index(name)
-        half = float(student_quantile(self.known[k], confidence)) * math.sqrt(self.covariance[k, k])
+        half_width = float(student_quantile(self.known[k], confidence)) * math.sqrt(self.covariance[k, k])
         middle = self.state.delay if name == "delay" else float(self.estimate[k])
-        return middle - half, middle + half
+        return middle - half_width, middle + half_width
 
     @property
     def com_deviation(self) -> Array:
         """Standard deviations (3,) of the centre of mass c = h / m [m], to first order: dc = (dh - c dm) / m."""
-        part = slice(self.unknowns.load.start, self.unknowns.load.start + 4)
-        x, C = self.estimate[part], self.covariance[part, part]  # (m, h)
+        mass_and_moment = slice(self.unknowns.load.start, self.unknowns.load.start + 4)
+        x, C = self.estimate[mass_and_moment], self.covariance[mass_and_moment, mass_and_moment]  # (m, h)
         D = np.hstack([-(x[1:] / x[0])[:, None], np.eye(3)]) / x[0]
         return np.asarray(np.sqrt(np.diag(D @ C @ D.T)))
 
     def spread(self, rows: Array) -> Array:
-        """Standard deviations (2,) of the residuals of moments and forces; always positive."""
+        """Standard deviations (2,) of the residuals of moments and forces in some rows; always positive."""
         deviations = np.sqrt((self.residuals[rows].reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
-        return np.maximum(deviations, 1e-12 * (1e-3 + np.abs(self.residuals).max()))
+        least_deviation = 1e-12 * (1e-3 + np.abs(self.residuals).max())  # of exact data, so that quotients stay finite
+        return np.maximum(deviations, least_deviation)
 
 
 def few(label: Array) -> bool:
-    """True if there are too few clusters to estimate a variance for each channel."""
+    """True if there are too few clusters (n,) of rows to estimate a variance for each channel."""
     return len(np.unique(label)) < MIN_CLUSTERS
 
 
@@ -160,7 +161,8 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
 
     Turn, tilt and delay are found by Gauss-Newton from ``problem.state``; the other unknowns are linear. The variance
     of a row of count readings is v = τ + w / count, with w the variance within dwells. For each channel, τ makes the
-    mean square of the residuals equal to v, corrected for the degrees of freedom.
+    mean square of the residuals equal to v, corrected for the degrees of freedom. Variances, weights and the state change
+    from one iteration to the next.
     """
     unknowns, log = problem.unknowns, problem.log
     target = problem.target
@@ -170,9 +172,10 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
     groups = np.repeat([0, 1], 3) if few(problem.label[keep]) else np.arange(6)  # channels that share a variance
     inverse_count = 1.0 / problem.count[:, None]
     own_variance = problem.within * inverse_count
-    min_variance = np.maximum(0.1 * own_variance, (1e-13 * (np.abs(target).max() + 1e-3)) ** 2)
+    rounding_error = 1e-13 * (np.abs(target).max() + 1e-3)
+    min_variance = np.maximum(0.1 * own_variance, rounding_error**2)
     if problem.noise is None:
-        v = np.tile(np.repeat([0.03**2, 1.0], 3), (len(log), 1))  # initial guess
+        v = np.tile(np.repeat([0.03**2, 1.0], 3), (len(log), 1))  # initial guess: 0.03 N m and 1 N
     else:
         v = problem.noise**2 * inverse_count
     freedom = np.full(6, math.inf)
@@ -186,7 +189,7 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
         if unknowns.delay:
             used_weight = weight * _pose_is_in_log(log, state.delay)
         root_weight = np.sqrt(used_weight)[:, None] / np.sqrt(v)
-        x, half, Q = orthogonal_fit(A, target, root_weight, unknowns.scales)
+        x, covariance_root, Q = orthogonal_fit(A, target, root_weight, unknowns.scales)
         residuals = target - A @ x
         last_v, last_weight = v, weight
         if problem.noise is None:
@@ -201,7 +204,7 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
             change = max(change, float(np.abs(x[nonlinear]).max()))
             if iteration == 0:  # a second iteration at least, with the new state
                 change = max(change, 1.0)
-            x[nonlinear] = 0.0
+            x[nonlinear] = 0.0  # the state contains them
         iteration += 1
         if huber:
             has_converged = iteration > 1 and change < _MAX_HUBER_CHANGE
@@ -209,7 +212,8 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
             has_converged = change < MAX_CHANGE
         if has_converged or iteration == MAX_ROUNDS:
             break
-    covariances = _covariances(problem, x, half, Q, (residuals * root_weight)[keep], freedom, groups, keep)
+    whitened_residuals = (residuals * root_weight)[keep]
+    covariances = _covariances(problem, x, covariance_root, Q, whitened_residuals, freedom, groups, keep)
     sigma = problem.noise
     if sigma is None:
         sigma, freedom = _reading_deviation(problem, v, keep, freedom)
@@ -218,37 +222,36 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
 
 
 def _covariances(
-    problem: Problem, x: Array, half: Array, Q: Array, residuals: Array, freedom: Array, groups: Array, keep: Array
+    problem: Problem, x: Array, root: Array, Q: Array, residuals: Array, freedom: Array, groups: Array, keep: Array
 ) -> tuple[Array, Array, Array, Array, float]:
     """Sandwich covariance, degrees of freedom of unknowns and centre of mass, joint covariance and its freedom.
 
-    ``half`` is the root of the covariance for unit variances. ``residuals`` (m, 6) are whitened, and those of the kept
-    rows.
+    ``root`` is the root of the covariance for unit variances. ``residuals`` (m, 6) of the kept rows are whitened.
     """
     p, load = len(x), problem.unknowns.load
     m, h = load.start, slice(load.start + 1, load.start + 4)  # mass and first moment
-    rows = np.concatenate([half, half[h] * x[m] - np.outer(x[h], half[m])])  # unknowns, then m dh - h dm
-    C, known = channel_covariance(Q, rows, freedom, groups)
+    rows = np.concatenate([root, root[h] * x[m] - np.outer(x[h], root[m])])  # unknowns, then m dh - h dm
+    C, degrees_of_freedom = channel_covariance(Q, rows, freedom, groups)
     joint = C[:p, :p]
-    _, load_freedom = channel_covariance(Q, half[m : m + 4], weight_freedom(freedom), groups)
+    _, load_freedom = channel_covariance(Q, root[m : m + 4], weight_freedom(freedom), groups)
     joint_freedom = f_test_freedom(load_freedom)
     if problem.noise is None:
         label = problem.label[keep]
-        of_variance_estimates = half @ variance_estimate_covariance(Q, freedom, groups) @ half.T
+        C_of_variance_estimates = root @ variance_estimate_covariance(Q, freedom, groups) @ root.T
         sandwich = None
         if not few(label):
             sandwich = cluster_robust_covariance(Q[keep], residuals, rows, label)
         if sandwich is not None:
-            C, known = sandwich
-        C = C[:p, :p] + of_variance_estimates
-        joint = joint + of_variance_estimates
+            C, degrees_of_freedom = sandwich
+        C = C[:p, :p] + C_of_variance_estimates
+        joint = joint + C_of_variance_estimates
         # Only the sandwich accounts for autocorrelated rows. Fully correlated rows of a cluster give the largest ratio
         # (Kish, Survey Sampling, 1965, section 5.4); larger values are noise of the sandwich.
         ratio = float((np.diag(C) / np.diag(joint))[load].mean())
         _, cluster_sizes = np.unique(label, return_counts=True)
         largest_ratio = float((cluster_sizes**2).sum() / cluster_sizes.sum())
         joint = joint * min(max(1.0, ratio), largest_ratio)
-    return C[:p, :p], known[:p], known[p:], joint, joint_freedom
+    return C[:p, :p], degrees_of_freedom[:p], degrees_of_freedom[p:], joint, joint_freedom
 
 
 def _reading_deviation(problem: Problem, v: Array, keep: Array, freedom: Array) -> tuple[Array, Array]:
@@ -257,25 +260,26 @@ def _reading_deviation(problem: Problem, v: Array, keep: Array, freedom: Array) 
     σ² = v + w (1 - 1 / count): the variance of rows, plus the part that averaging removed.
     """
     mean_inverse_count = float((1.0 / problem.count[keep]).mean())
-    removed = problem.within * (1.0 - mean_inverse_count)
-    mean = v[keep].mean(axis=0)
+    removed_variance = problem.within * (1.0 - mean_inverse_count)
+    row_variance = v[keep].mean(axis=0)
     freedoms = np.stack([freedom, np.full(6, problem.within_freedom)])
-    return np.sqrt(mean + removed), sum_freedom(np.stack([mean, removed]), freedoms)
+    sigma = np.sqrt(row_variance + removed_variance)
+    return sigma, sum_freedom(np.stack([row_variance, removed_variance]), freedoms)
 
 
 def _pose_is_in_log(log: ReadingLog, delay: float) -> Array:
     """1.0 for rows (n,) whose poses a delay earlier lie within the log, or at most two median steps beyond it."""
     t = log.clock
-    near = 2 * float(np.median(np.diff(t)))
-    return ((t - delay > t[0] - near) & (t - delay < t[-1] + near)).astype(float)
+    margin = 2 * float(np.median(np.diff(t)))
+    return ((t - delay > t[0] - margin) & (t - delay < t[-1] + margin)).astype(float)
 
 
 def _excess_variance(
     residuals: Array, Q: Array, v: Array, weight: Array, keep: Array, own_variance: Array, groups: Array, *, huber: bool
 ) -> tuple[Array, Array]:
-    """Variance τ (6,) of rows in excess of their own (n, 6), and its degrees of freedom (6,)."""
-    used = keep if huber else weight > 0
-    row_freedom = used[:, None] * (1.0 - (Q * Q).sum(axis=2))  # 1 - leverage
+    """Variance τ (6,) of rows in excess of ``own_variance`` (n, 6), and its degrees of freedom (6,)."""
+    is_used = keep if huber else weight > 0
+    row_freedom = is_used[:, None] * (1.0 - (Q * Q).sum(axis=2))  # 1 - leverage
     freedom = np.maximum(_group_sums(row_freedom.sum(axis=0), groups), 1e-9)
     if huber:  # median: robust if up to half of the rows are outliers
         magnitudes = np.abs(residuals[keep])
@@ -286,9 +290,10 @@ def _excess_variance(
         tau = (MAD * medians) ** 2 * keep.sum() * channels_of_group / np.maximum(freedom, 1.0)
         tau = np.maximum(tau - np.median(own_variance[keep], axis=0), 0.0)
     else:
-        weights = used[:, None] / v**2
-        tau = _group_sums((weights * (residuals**2 - own_variance * row_freedom)).sum(axis=0), groups)
-        tau = tau / np.maximum(_group_sums((weights * row_freedom).sum(axis=0), groups), 1e-300)
+        weights = is_used[:, None] / v**2
+        excess_squares = _group_sums((weights * (residuals**2 - own_variance * row_freedom)).sum(axis=0), groups)
+        weighted_freedom = _group_sums((weights * row_freedom).sum(axis=0), groups)
+        tau = excess_squares / np.maximum(weighted_freedom, 1e-300)
     if own_variance.any():  # a channel has the noise within dwells, so τ needs no lower bound
         return tau, freedom
     largest_of_kind = np.repeat(np.maximum(tau, 0.0).reshape(2, 3).max(axis=1), 3)
@@ -296,5 +301,5 @@ def _excess_variance(
 
 
 def _group_sums(x: Array, groups: Array) -> Array:
-    """Sums (6,) of x (6,) over the channels of the group of each channel."""
+    """For each of six channels, sum of x (6,) over the channels of its group; ``groups`` (6,) are group numbers."""
     return np.bincount(groups, x)[groups]

@@ -24,15 +24,19 @@ from .surface import Colour
 Role = Literal["visual", "collision"]
 
 _SIZE_NAMES = {
-    "box": (("size", 3),), "sphere": (("radius", 1),), "cylinder": (("radius", 1), ("length", 1)),
-    "capsule": (("radius", 1), ("length", 1)), "ellipsoid": (("radii", 3),),
-}  # fmt: skip
-"""Names of the sizes of each kind of shape, and how many numbers each has: attributes in URDF, elements in SDF."""
+    "box": (("size", 3),),
+    "sphere": (("radius", 1),),
+    "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)),
+    "ellipsoid": (("radii", 3),),
+}
+"""Names of the sizes of each kind of shape, with their numbers of values. They are attributes in URDF, elements in SDF."""
 _URDF_KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
 """Shapes that URDF defines."""
 _GEOMETRY = '<geometry><box size="1 1 1"/></geometry>'
 """Example for the message about a missing geometry."""
 _NO_SCALE = [1.0, 1.0, 1.0]
+"""Factors along x, y and z of a mesh without ``scale``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +44,12 @@ class ShapeSpec:
     """Shape as described in a file."""
 
     kind: str
-    """box, sphere, cylinder, capsule, ellipsoid, mesh, another kind, or empty without a geometry."""
+    """box, sphere, cylinder, capsule, ellipsoid, mesh, fitted (a primitive fitted to a mesh), or another name of a file.
+
+    It is unknown if the shape cannot be read, and empty without a geometry.
+    """
     sizes: tuple[float, ...]
-    """Edges; radius; radius and length; semi-axes; or the scale of a mesh."""
+    """Edges of a box, radius of a sphere, radius and length, semi-axes of an ellipsoid [m]; factors (3,) of a mesh."""
     pose: Array
     """Pose (4, 4) in the link's frame."""
     mesh: str = ""
@@ -52,7 +59,7 @@ class ShapeSpec:
     element: str = ""
     """Element of the file, for messages."""
     problem: str = ""
-    """Reason why the shape cannot be drawn."""
+    """Reason why the shape cannot be drawn as described; empty if it can."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +79,8 @@ def read_shapes(model: Model, role: Role | None = None) -> tuple[LinkShapes, ...
     if file is None or file.xacro:
         return ()
     text = text_of(file.root, model.name, Path(file))
-    return tuple(link_shapes(text, name, role) for name in text.links if name in model.frames)
+    links = [name for name in text.links if name in model.frames]  # the model may be a part of the file
+    return tuple(link_shapes(text, link, role) for link in links)
 
 
 def link_shapes(text: RobotText, link: str, role: Role | None = None) -> LinkShapes:
@@ -80,14 +88,14 @@ def link_shapes(text: RobotText, link: str, role: Role | None = None) -> LinkSha
     if isinstance(text, MjcfText):
         shapes = _mjcf_shapes(text, link)
     else:
-        shapes = _described_shapes(text, link)
+        shapes = _urdf_or_sdf_shapes(text, link)
     if role is not None:
         shapes = (shape for shape in shapes if shape.role == role)
     return LinkShapes(link, tuple(shapes))
 
 
-def _described_shapes(text: RobotText, link: str) -> Iterator[ShapeSpec]:
-    """Visuals, then collision shapes, of URDF or SDF."""
+def _urdf_or_sdf_shapes(text: RobotText, link: str) -> Iterator[ShapeSpec]:
+    """Visuals, then collision shapes, of a link of URDF or SDF."""
     roles: tuple[Role, ...] = ("visual", "collision")
     for role in roles:
         for part in text.links[link].all(role):
@@ -115,7 +123,7 @@ def _urdf_shape(part: Element, role: Role, text: UrdfText) -> ShapeSpec | None:
             if mesh:
                 sizes = shape.values("scale", 3) if "scale" in shape.attributes else _NO_SCALE
         T = origin_of(part)
-    except RobotFileError as error:  # such a file can be loaded
+    except RobotFileError as error:  # not raised: a file with such a shape can be loaded
         kind = "unknown" if part.all("geometry") else ""
         return ShapeSpec(kind, (), IDENTITY, role=role, element=str(part), problem=str(error))
     if shape.tag not in _URDF_KINDS:
@@ -138,7 +146,8 @@ def _colour(part: Element, text: UrdfText) -> Colour | None:
     own_colour = _rgb(material)
     if own_colour is not None:
         return own_colour
-    robot_material = text.materials.get(material.attributes.get("name", ""))
+    material_name = material.attributes.get("name", "")
+    robot_material = text.materials.get(material_name)
     if robot_material is None:
         return None
     return _rgb(robot_material)
@@ -150,7 +159,8 @@ def _rgb(material: Element) -> Colour | None:
         colour = material.child("color")
         if colour is None:
             return None
-        r, g, b, _ = np.clip(colour.numbers("rgba", 4), 0.0, 1.0).tolist()
+        rgba = colour.numbers("rgba", 4)
+        r, g, b, _ = np.clip(rgba, 0.0, 1.0).tolist()
     except RobotFileError:
         return None
     return r, g, b
@@ -158,15 +168,19 @@ def _rgb(material: Element) -> Colour | None:
 
 def _sdf_shape(part: Element, role: Role) -> ShapeSpec | None:
     """Shape of a ``<visual>`` or ``<collision>`` of SDF; None for a plane, and for a part without a geometry."""
-    unknown = ShapeSpec("unknown", (), IDENTITY, role=role, element=str(part))
+    unknown_shape = ShapeSpec("unknown", (), IDENTITY, role=role, element=str(part))
     try:
         geometry = part.child("geometry")
-        if geometry is None or not geometry.children or geometry.children[0].tag == "plane":
+        if geometry is None or not geometry.children:
             return None
         shape = geometry.children[0]
+        if shape.tag == "plane":
+            return None
         pose_element = part.child("pose")
-        if pose_element is not None and pose_element.attributes.get("relative_to", "").strip():
-            return unknown
+        if pose_element is not None:
+            other_frame = pose_element.attributes.get("relative_to", "")
+            if other_frame.strip():
+                return unknown_shape
         T = pose(pose_element)
         mesh = ""
         sizes: list[float] = []
@@ -176,13 +190,14 @@ def _sdf_shape(part: Element, role: Role) -> ShapeSpec | None:
             mesh = word(shape, "uri")
             sizes = _values(shape, "scale", 3) if shape.child("scale") is not None else _NO_SCALE
     except RobotFileError:
-        return unknown
+        return unknown_shape
     return ShapeSpec(shape.tag, tuple(sizes), T, mesh, role, element=str(part))
 
 
 def _values(shape: Element, name: str, count: int) -> list[float]:
-    """Numbers in the text of a child element."""
-    return with_text(shape.require_child(name, f"<{name}>")).values("text", count)
+    """Numbers in the text of the child element ``name``. Raises RobotFileError unless it holds ``count`` of them."""
+    child = shape.require_child(name, f"<{name}>")
+    return with_text(child).values("text", count)
 
 
 def _mjcf_shapes(text: MjcfText, body: str) -> Iterator[ShapeSpec]:
@@ -199,15 +214,18 @@ def _mjcf_shape(part: PlacedElement, kind: str, text: MjcfText) -> ShapeSpec:
     try:
         if "mesh" in geom.attributes:
             file, scale = text.meshes.file_and_scale(geom.text("mesh"))
-            # MuJoCo moves a mesh to its centre of mass and back, so the geom's frame is also the mesh's.
+            # MuJoCo moves a mesh to its centre of mass and back, so the mesh's frame is that of the geom.
+            mesh_pose = part.frame @ placement(geom, text.settings)
             kind_of_mesh = "mesh" if kind == "mesh" else "fitted"  # a primitive fitted to the mesh
-            return ShapeSpec(kind_of_mesh, scale, part.frame @ placement(geom, text.settings), file)
+            return ShapeSpec(kind_of_mesh, scale, mesh_pose, file)
         T, half_sizes = shape_of(geom, kind, text.settings)
     except RobotFileError:
         return ShapeSpec("unknown", (), IDENTITY)
-    sizes = list(half_sizes)
     if kind == "box":
         sizes = [2.0 * half_edge for half_edge in half_sizes]
-    elif kind in ("capsule", "cylinder"):  # radius, and half the length
-        sizes = [half_sizes[0], 2.0 * half_sizes[1]]
+    elif kind in ("capsule", "cylinder"):
+        radius, half_length = half_sizes[0], half_sizes[1]
+        sizes = [radius, 2.0 * half_length]
+    else:
+        sizes = list(half_sizes)  # of a sphere or an ellipsoid, radii
     return ShapeSpec(kind, tuple(sizes), part.frame @ T, role="collision")

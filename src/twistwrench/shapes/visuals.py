@@ -36,10 +36,13 @@ class Visual:
 
 
 def read_visuals(model: Model, role: Role = "visual") -> tuple[list[Visual], list[str]]:
-    """Surfaces of the model's URDF file by link, and remarks on missing ones; empty for other robots."""
+    """Surfaces of the model's URDF file, and remarks on missing ones; both are empty for robots of other files."""
     try:
         file = file_of(model)
-        if file is None or (file.root.tag != "robot" and not file.xacro):
+        if file is None:
+            return [], []
+        is_urdf = file.root.tag == "robot"
+        if not is_urdf and not file.xacro:
             return [], []
         if file.xacro:
             return [], [
@@ -64,11 +67,14 @@ class _SurfaceReader:
     def __init__(self, meshes: MeshFiles) -> None:
         self.meshes = meshes
         self.scaled_meshes: dict[tuple[str, tuple[float, ...]], _Parts] = {}
+        """Surfaces by the name and the scale of a mesh."""
         self.mesh_problems: dict[str, str] = {}
+        """Verb phrase about the problem, by the name of the mesh."""
         self.shape_problems: dict[str, str] = {}
+        """Sentence about the problem, by the element of the shape."""
 
     def read(self, shape: ShapeSpec) -> _Parts:
-        """Surfaces of one shape, in its own frame."""
+        """Surfaces of one shape, in its own frame; empty if it cannot be drawn."""
         # A mesh is read even if the shape is not drawn, since the remarks count all meshes.
         mesh_parts = self._scaled_mesh(shape) if shape.kind == "mesh" else []
         if shape.problem:
@@ -79,7 +85,7 @@ class _SurfaceReader:
         return [(SIMPLE[shape.kind](*shape.sizes), None)]
 
     def _scaled_mesh(self, shape: ShapeSpec) -> _Parts:
-        """Surfaces of a mesh under the scale of the shape; equal ones are shared."""
+        """Surfaces of a mesh under the scale of the shape; shapes with equal mesh and scale share them."""
         key = shape.mesh, shape.sizes
         if key not in self.scaled_meshes:
             parts = self._mesh(shape.mesh)
@@ -97,7 +103,7 @@ class _SurfaceReader:
         return []
 
     def remarks(self) -> list[str]:
-        """One sentence about meshes, one about other problems."""
+        """At most two sentences: one about meshes, one about other problems."""
         remarks = []
         if self.mesh_problems:
             name, problem = next(iter(self.mesh_problems.items()))
@@ -107,7 +113,7 @@ class _SurfaceReader:
                 "Bodies left without one are drawn from their inertia"
             )
         if self.shape_problems:
-            first, *others = self.shape_problems.values()
+            first_problem, *others = self.shape_problems.values()
             more = f", and {len(others)} more" if others else ""
-            remarks.append(f"Not shown of the file's appearance: {first.rstrip('.')}{more}")
+            remarks.append(f"Not shown of the file's appearance: {first_problem.rstrip('.')}{more}")
         return remarks

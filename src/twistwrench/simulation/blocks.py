@@ -85,7 +85,7 @@ def _first_end(run: Run, steps: CompiledSteps, states: Array, gaps: Array) -> tu
         return m, None
     if first_step == 0 and run.leaves_at_once(states[0], states[1], run.h):
         return 0, 0.0
-    for k in run.detector.passings(states, gaps):
+    for k in run.detector.steps_with_passings(states, gaps):
         end = locate_event(run, steps, (first_step + k) * run.h, states[k], states[k + 1])
         if end is not None:
             return k, end

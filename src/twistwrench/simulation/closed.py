@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..robot.doors import ConstrainedRobot
 
 CLOSED_METHODS = (ADAPTIVE, "rk4", "semi_implicit", "euler")
-"""Methods that only evaluate rates; the variational ones support open robots only."""
+"""Methods for closed robots, which only evaluate rates; the variational methods are for open robots."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,15 +43,15 @@ class ClosedSimulation(SimulationResult):
     """Simulated motion of a closed robot. Files do not store the fields in addition to :class:`SimulationResult`."""
 
     row_names: tuple[str, ...] = ()
-    """Names of the entries of lam."""
+    """Names of the columns of lam."""
     lam: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(n, k) N m or N, λ of each state, exerted by the robot on its constraints."""
+    """(n, k) constraint forces λ in each state, exerted by the robot on its constraints [N m or N]."""
     gap: Array = field(default_factory=lambda: np.zeros(0))
-    """(n,) rad or m, largest gap of the loops in each state."""
+    """(n,) largest gap of the loops in each state [rad or m]."""
     gap_before: float = 0.0
-    """rad or m, largest gap after a step, before the projection removed it."""
+    """Largest gap after a step, before the projection removed it [rad or m]."""
     slip_before: float = 0.0
-    """rad/s or m/s, largest rate A dq after a step, before the projection removed it."""
+    """Largest rate A dq after a step, before the projection removed it [rad/s or m/s]."""
 
     @classmethod
     def _from_result(cls, result: SimulationResult, closed: ConstrainedRobot, loops: Loops | None) -> Self:
@@ -65,8 +65,9 @@ class ClosedSimulation(SimulationResult):
         return cls(**values, lam=lam, gap_before=loops.largest_gap, slip_before=loops.largest_rate)
 
     def __repr__(self) -> str:
-        gaps = f"gap {residual(self.gap.max(initial=0.0))}, before projection {residual(self.gap_before)}"
-        return f"{super().__repr__()[:-1]}; {gaps}>"
+        max_gap = self.gap.max(initial=0.0)
+        text_without_bracket = super().__repr__()[:-1]
+        return f"{text_without_bracket}; gap {residual(max_gap)}, before projection {residual(self.gap_before)}>"
 
 
 def simulate_closed(
@@ -80,7 +81,8 @@ def simulate_closed(
     if q0 is None:
         q0, *_ = some_configurations(closed, closed.open().neutral)
     try:
-        result = run_to_end(build_run(closed.open(), q0, *start, method=method, loops=loops, **options))
+        run = build_run(closed.open(), q0, *start, method=method, loops=loops, **options)
+        result = run_to_end(run)
     except (SimulationError, KeyboardInterrupt) as problem:  # its partial result becomes that of a closed robot
         partial_result = getattr(problem, "result", None)
         if isinstance(partial_result, SimulationResult):
@@ -94,19 +96,20 @@ class ClosedRollout(Rollout):
     """Rollout of a closed robot: motions of any batch shape, with their constraint errors."""
 
     gap: Array = field(default_factory=lambda: np.zeros(()))
-    """(...) rad or m, largest gap of the loops after any step."""
+    """(...) largest gap of the loops after any step [rad or m]."""
     gap_before: Array = field(default_factory=lambda: np.zeros(()))
-    """(...) rad or m, largest gap after a step, before the projection removed it."""
+    """(...) largest gap after a step, before the projection removed it [rad or m]."""
     slip_before: Array = field(default_factory=lambda: np.zeros(()))
-    """(...) rad/s or m/s, largest rate A dq after a step, before the projection removed it."""
+    """(...) largest rate A dq after a step, before the projection removed it [rad/s or m/s]."""
     lost_from: Array = field(default_factory=lambda: np.zeros(()))
-    """(...) s, first stored time at which the constraints had lost rank or could not be satisfied; inf if they hold throughout.
+    """(...) first stored time [s] at which constraints had lost rank or could not be satisfied; inf if they hold throughout.
     States from there on are NaN, because the motion is not unique."""
 
     def __repr__(self) -> str:
-        gap = float(np.max(self.gap, initial=0.0))
-        gap_before = float(np.max(self.gap_before, initial=0.0))
-        return f"{super().__repr__()[:-1]}; gap {residual(gap)}, before projection {residual(gap_before)}>"
+        max_gap = float(np.max(self.gap, initial=0.0))
+        max_gap_before = float(np.max(self.gap_before, initial=0.0))
+        text_without_bracket = super().__repr__()[:-1]
+        return f"{text_without_bracket}; gap {residual(max_gap)}, before projection {residual(max_gap_before)}>"
 
 
 def rollout_closed(
@@ -131,14 +134,14 @@ def rollout_closed(
             "geometry by itself; inertias, payloads and friction may vary."
         )
     inputs = _projected_inputs(loops, inputs)
-    q, dq, loop_states, *tau = take_all_steps(robot, inputs, room_for(inputs, None))
-    is_lost = ~(loop_states[..., ON_CONSTRAINTS] > 0.5)
+    q, dq, loop_states, *tau = take_all_steps(robot, inputs, room_for(inputs, None))  # tau: an array or none
+    is_lost = ~(loop_states[..., ON_CONSTRAINTS] > 0.5)  # a flag of 0 or 1; NaN counts as lost
     q[is_lost] = np.nan
     dq[is_lost] = np.nan
-    last = np.maximum((~is_lost).sum(axis=-1) - 1, 0)  # index of the last state on the constraints
-    last_loop_state = np.take_along_axis(loop_states, last[..., None, None], axis=-2)[..., 0, :]
-    first_lost_time = inputs.times[np.argmax(is_lost, axis=-1)]
-    lost_from = np.where(is_lost.any(axis=-1), first_lost_time, np.inf)
+    last_index = np.maximum((~is_lost).sum(axis=-1) - 1, 0)  # of the last state on the constraints
+    last_loop_state = np.take_along_axis(loop_states, last_index[..., None, None], axis=-2)[..., 0, :]
+    first_lost_index = np.argmax(is_lost, axis=-1)
+    lost_from = np.where(is_lost.any(axis=-1), inputs.times[first_lost_index], np.inf)
     if is_lost.any():
         inputs = replace(inputs, remarks=(*inputs.remarks, _remark_on_lost(lost_from)))
     return build_rollout(
@@ -157,14 +160,14 @@ def rollout_closed(
 
 def _remark_on_lost(lost_from: Array) -> str:
     """Remark on motions that leave their constraints, by the times (...) at which they do."""
-    first: tuple[int, ...] = ()
-    index = ""
+    first_index: tuple[int, ...] = ()
+    index_text = ""
     if lost_from.shape:
-        first = tuple(map(int, np.unravel_index(int(np.argmin(lost_from)), lost_from.shape)))
-        index = f", first {first}"
+        first_index = tuple(map(int, np.unravel_index(int(np.argmin(lost_from)), lost_from.shape)))
+        index_text = f", first {first_index}"
     return (
-        f"{np.isfinite(lost_from).sum()} of the motions lose rank of their constraints or leave them{index} before "
-        f"{printed(float(lost_from[first]))} s; their states after that are NaN"
+        f"{np.isfinite(lost_from).sum()} of the motions lose rank of their constraints or leave them{index_text} before "
+        f"{printed(float(lost_from[first_index]))} s; their states after that are NaN"
     )
 
 
@@ -172,7 +175,7 @@ def _projected_inputs(loops: Loops, inputs: Inputs) -> Inputs:
     """Inputs with initial states projected onto the constraints, and the initial loop-closure state."""
     q, dq, *other_arrays = (x.astype(float, copy=False) for x in inputs.arrays)  # float64: loops are closed to 1e-12
     require_met(loops.closed, q, dq)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # singular configurations are reported below
         q, dq, pivot = loops.project(q, dq)
     if not (pivot >= MIN_PIVOT).all():
         row = int(np.argmin(pivot))

@@ -103,14 +103,15 @@ class JointStops:
     def __post_init__(self) -> None:
         _check_law("JointStops", self.stiffness, self.exponent, self.dissipation)
         joints: object = self.joints
-        if isinstance(joints, str):
+        if isinstance(joints, str):  # a single name
             object.__setattr__(self, "joints", (joints,))
 
 
 def _check_law(owner: str, stiffness: float, exponent: float, dissipation: float) -> None:
     """Raise ValueRangeError unless the parameters of a contact law are valid; ``owner`` is the class with the law."""
     positive(stiffness, f"{owner}: stiffness")
-    if not 1.0 <= positive(exponent, f"{owner}: exponent") <= 5.0:
+    positive(exponent, f"{owner}: exponent")
+    if not 1.0 <= exponent <= 5.0:
         raise ValueRangeError(f"{owner}: exponent is {exponent}, and must be from 1 to 5; 1.5 is Hertz's.")
     positive(dissipation, f"{owner}: dissipation", zero=True)
 
@@ -118,11 +119,11 @@ def _check_law(owner: str, stiffness: float, exponent: float, dissipation: float
 MAX_WEIGHTS_ON_POINT = 3.0
 """Largest force on a point at the start, in weights of the robot. With a larger force the point starts too deep."""
 MIN_FORCE = 1e-9
-"""Largest force at the start for robots without weight [N]."""
+"""Force at the start [N] that is allowed in any case, as for robots without weight."""
 
 
 class RobotContact(ABC):
-    """Robot with one of its contacts."""
+    """Robot with one of its contacts; its program evaluates torques and penetrations."""
 
     def __init__(
         self, robot: Robot, name: str, key: tuple[Any, ...], size: int, numbers: dict[str, Array], **parts: Array
@@ -146,18 +147,18 @@ class RobotContact(ABC):
 
     def torques_and_depths(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Joint torques (..., nv) and penetration of each point or joint (..., m)."""
-        if all(x.ndim == 1 for x in self.parts.values()):
+        if all(x.ndim == 1 for x in self.parts.values()):  # no input is divided
             tau, depths = self._kernel(q, dq, *self.parts.values())
             return tau, depths
-        tau, depths = self._kernel(q[..., None, :], dq[..., None, :], *self.parts.values())
-        return tau.sum(axis=-2), depths[..., 0]
+        tau_of_parts, depths = self._kernel(q[..., None, :], dq[..., None, :], *self.parts.values())
+        return tau_of_parts.sum(axis=-2), depths[..., 0]
 
     def gap(self, q: Array) -> float:
-        """Gap of the nearest point or joint, negative inside [m or rad]."""
+        """Gap of the nearest point or joint [m or rad], negative if it penetrates."""
         return float(self.gaps(q))
 
     def gaps(self, q: Array) -> Array:
-        """Gaps (...) of configurations (..., nq)."""
+        """Gap (...) of the nearest point or joint in configurations (..., nq) [m or rad], negative if it penetrates."""
         _, depths = self.torques_and_depths(q, np.zeros(self.robot.nv))
         return np.asarray(-depths.max(axis=-1))
 
@@ -184,7 +185,7 @@ class PlaneContact(RobotContact):
     """Robot and a contact plane."""
 
     def __init__(self, robot: Robot, plane: Plane) -> None:
-        robot.model.frame(plane.frame)
+        robot.model.frame(plane.frame)  # raises UnknownNameError for another frame
         points = np.asarray(plane.points)
         law = np.array((plane.height, plane.stiffness, plane.dissipation, plane.friction, plane.slip), float)
         numbers = {"points": points.ravel(), "normal": np.asarray(plane.normal), "law": law}
@@ -205,10 +206,12 @@ class PlaneContact(RobotContact):
         deepest = int(depths.argmax())
         depth = max(float(depths[deepest]), 0.0)
         weight = sum(b.inertia.mass for b in model.bodies) * np.linalg.norm(model.gravity)
-        if not plane.stiffness * depth**plane.exponent > max(MAX_WEIGHTS_ON_POINT * float(weight), MIN_FORCE):
+        allowed_force = max(MAX_WEIGHTS_ON_POINT * float(weight), MIN_FORCE)
+        if not plane.stiffness * depth**plane.exponent > allowed_force:
             return ""
         # Energy of a point: integral of k dⁿ from 0 to its depth.
-        energy = float(plane.stiffness * (np.maximum(depths, 0.0) ** (plane.exponent + 1)).sum() / (plane.exponent + 1))
+        penetrations = np.maximum(depths, 0.0)
+        energy = float(plane.stiffness * (penetrations ** (plane.exponent + 1)).sum() / (plane.exponent + 1))
         x, y, z = np.asarray(plane.points)[deepest]
         return (
             f"point ({printed(x)}, {printed(y)}, {printed(z)}) of {plane.frame!r} starts {printed(depth, 4)} m below the "
@@ -225,7 +228,7 @@ class StopContact(RobotContact):
         body_by_joint = {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
         has_limit = np.isfinite(limits.lower) | np.isfinite(limits.upper)
         names = tuple(body_by_joint) if stops.joints is None else stops.joints
-        indices = []
+        indices = []  # in q and in dq
         for name in names:
             if name not in body_by_joint:
                 raise UnknownNameError.from_choices("joint with one degree of freedom", name, body_by_joint)

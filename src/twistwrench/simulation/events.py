@@ -30,79 +30,87 @@ class PositionLimits:
     """
 
     names: tuple[str, ...]
+    """Name of each limit's joint, (m,)."""
     units: tuple[str, ...]
-    """Names and units of the joints, (m,)."""
+    """Unit of each limit's coordinate, (m,)."""
     sides: Array
     """-1 for lower limits, 1 for upper ones, (m,)."""
     limits: Array
+    """Position of each limit, (m,) [rad or m]."""
     tolerances: Array
     """Tolerances (m,) [rad or m]."""
     coordinates: Array
+    """Index in q of each limit's joint, (m,)."""
     velocities: Array
-    """Indices in q and in dq, (m,)."""
+    """Index in dq of each limit's joint, (m,)."""
 
     @classmethod
     def from_robot(cls, robot: Robot) -> PositionLimits:
         """Limits of a robot; raises ValueRangeError if it has none."""
-        limits, rows = robot.limits, []
+        limits = robot.limits
+        finite_limits = []  # tuples in the order of the fields
         for b in robot.model.leaders:
             if b.joint.nv != 1:
                 continue
-            k, unit = b.v_index, b.joint.coordinate_units[0]
+            k = b.v_index
+            unit = b.joint.coordinate_units[0]
             for side, limit in ((-1, limits.lower[k]), (1, limits.upper[k])):
                 if np.isfinite(limit):
-                    rows.append((b.joint.name, unit, side, limit, limits.tolerance[k], b.q_index, k))
-        if not rows:
+                    finite_limits.append((b.joint.name, unit, side, limit, limits.tolerance[k], b.q_index, k))
+        if not finite_limits:
             raise ValueRangeError(f"limits='stop': robot {robot.name!r} has no limits of position. Leave limits out.")
-        names, units, *numbers = zip(*rows, strict=True)
-        return cls(names, units, *map(np.array, numbers))
+        names, units, *numeric_columns = zip(*finite_limits, strict=True)
+        return cls(names, units, *[np.array(column) for column in numeric_columns])
 
     def margins(self, q: Array) -> Array:
-        """Distance of each joint to each of its limits, (..., nq) → (..., m), negative beyond it [rad or m]."""
+        """Distance of the joints to their limits, (..., nq) → (..., m) [rad or m]; negative beyond a limit."""
         return np.asarray(self.sides * (self.limits - q[..., self.coordinates]))
 
-    def outside(self, q: Array) -> str:
-        """Joint farthest beyond a limit, as text; empty if none is beyond."""
-        excess = -self.margins(q) / self.tolerances
-        worst = int(excess.argmax())
-        if excess[worst] <= 1.0:
+    def outside_text(self, q: Array) -> str:
+        """Text about the joint farthest beyond a limit, in tolerances; empty if none is beyond by more than its tolerance."""
+        excess_in_tolerances = -self.margins(q) / self.tolerances
+        worst = int(excess_in_tolerances.argmax())
+        if excess_in_tolerances[worst] <= 1.0:
             return ""
-        place = f"{printed(q[self.coordinates[worst]])} {self.units[worst]}"
-        return f"joint {self.names[worst]!r} is at {place}, beyond {self.limit(worst)}"
+        position = q[self.coordinates[worst]]
+        position_text = f"{printed(position)} {self.units[worst]}"
+        return f"joint {self.names[worst]!r} is at {position_text}, beyond {self.limit_text(worst)}"
 
-    def limit(self, k: int) -> str:
-        """Limit k as text."""
+    def limit_text(self, k: int) -> str:
+        """Text with side, position and unit of limit k."""
         side = "lower" if self.sides[k] < 0 else "upper"
         return f"its {side} limit {printed(self.limits[k])} {self.units[k]}"
 
-    def level(self, k: int, before: float) -> float:
-        """Margin at which an event happens, for a joint with the margin ``before``."""
-        return 0.0 if before > self.tolerances[k] else -float(self.tolerances[k])
+    def event_margin(self, k: int, margin_before: float) -> float:
+        """Margin at which a joint reaches limit k or leaves through it, by its margin before the step [rad or m]."""
+        return 0.0 if margin_before > self.tolerances[k] else -float(self.tolerances[k])
 
-    def mark_passings(self, before: Array, after: Array) -> NDArray[np.bool_]:
-        """Mask of joints that reach their limits or leave through them, by the margins (..., m) before and after."""
-        leaves = (after < -self.tolerances) & (-self.tolerances <= before)
-        return np.where(before > self.tolerances, after <= 0.0, leaves)
+    def mark_passings(self, margins_before: Array, margins_after: Array) -> NDArray[np.bool_]:
+        """Mask (..., m) of limits that a joint reaches or leaves through, by the margins (..., m) before and after."""
+        leaves = (margins_after < -self.tolerances) & (-self.tolerances <= margins_before)
+        return np.where(margins_before > self.tolerances, margins_after <= 0.0, leaves)
 
-    def words(self, k: int, before: float) -> str:
-        """Event text of limit k."""
-        verb = "reaches" if before > self.tolerances[k] else "moves beyond"
-        return f"joint {self.names[k]!r} {verb} {self.limit(k)}"
+    def event_text(self, k: int, margin_before: float) -> str:
+        """Text of the event at limit k."""
+        verb = "reaches" if margin_before > self.tolerances[k] else "moves beyond"
+        return f"joint {self.names[k]!r} {verb} {self.limit_text(k)}"
 
-    def leaving(self, q: Array, dq: Array, later: Array, h: float) -> int | None:
-        """Limit through which a joint at that limit leaves immediately; of several joints, the fastest one.
+    def limit_left_at_start(self, q: Array, dq: Array, next_dq: Array, h: float) -> int | None:
+        """Index of the limit through which a joint leaves immediately; of several joints, the fastest one.
 
-        A joint leaves if it moves outward, or if it is at rest and moves outward ``h`` s later, at the velocities
-        ``later`` (nv). Its speed or acceleration must take it past the tolerance within a second.
+        A joint at its limit leaves if it moves outward, or if it is at rest and moves outward ``h`` s later, at the
+        velocities ``next_dq`` (nv,). Its speed or acceleration must take it past the tolerance within a second. None
+        if no joint leaves.
         """
-        speed = self.sides * dq[self.velocities]
-        speed_change = self.sides * (later - dq)[self.velocities]
-        rests = np.abs(speed) <= self.tolerances
-        leaves = (speed > self.tolerances) | (rests & (speed_change > h * self.tolerances))
+        outward_speed = self.sides * dq[self.velocities]
+        speed_change = self.sides * (next_dq - dq)[self.velocities]
+        rests = np.abs(outward_speed) <= self.tolerances
+        leaves = (outward_speed > self.tolerances) | (rests & (speed_change > h * self.tolerances))
         leaves &= np.abs(self.margins(q)) <= self.tolerances
         if not leaves.any():
             return None
-        return int(np.where(leaves, speed + speed_change, -np.inf).argmax())
+        next_speed = outward_speed + speed_change
+        return int(np.where(leaves, next_speed, -np.inf).argmax())
 
 
 _SLOPE_INTERVAL = 1e-4
@@ -110,6 +118,7 @@ _SLOPE_INTERVAL = 1e-4
 MAX_SLOPE_RATIO = 3.0
 """Ratio of an event's slope to that of a straight line, above which several zeros in a step are possible."""
 _DIRECTIONS = {"both": 0, "up": 1, "down": -1}
+"""Sign of the slope of g at a zero crossing that counts; 0 for any sign."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +171,10 @@ Step = Callable[[float], Array]
 
 
 class EventDetector:
-    """Events, contacts and position limits, in this order, with their values at the last check."""
+    """Events, contacts and position limits, numbered in this order, with their values at the last check.
+
+    States are vectors y; ``split`` returns q and dq of a state. In arrays of states, each row is a state.
+    """
 
     def __init__(
         self,
@@ -171,23 +183,25 @@ class EventDetector:
         limits: PositionLimits | None = None,
         contacts: Sequence[RobotContact] = (),
     ) -> None:
-        # The start of a contact is a non-terminal event.
+        # The start of a contact is a non-terminal event. c=c binds the contact of each pass to its function.
         contact_events = [Event(lambda _t, q, _dq, c=c: c.gap(q), c.name, direction="down") for c in contacts]  # type: ignore[misc]
-        self.watched, self.events, self.contacts = len(events), (*events, *contact_events), contacts
-        """Number of events of the caller; these and those of contacts."""
-        self.split, self.limits = split, limits
+        self.caller_event_count = len(events)
+        self.events = (*events, *contact_events)
+        self.contacts = contacts
+        self.split = split
+        self.limits = limits
         self.laws = [ControlLaw(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
-        self.before: list[float] = []
+        self.last_values: list[float] = []
         """Value g of each event at the last check."""
         self.margins: Array = np.zeros(0)
         """Margins of the position limits at the last check."""
-        self.state: Array | None = None
-        """State at the last check."""
-        self.several: dict[str, str] = {}
-        """Remarks by event that may have more zero crossings than were found."""
+        self.last_state: Array | None = None
+        """State at the last check; None before the first."""
+        self.missed_zero_remarks: dict[str, str] = {}
+        """Remarks by the name of an event that may have more zero crossings than were found."""
 
     def values(self, t: float, y: Array) -> tuple[list[float], Array]:
-        """Value g of each event, and margin of each limit."""
+        """Value g of each event, and margin of each limit, in the state y."""
         q, dq = self.split(y)
         values = [law.number(t, q, dq) for law in self.laws]
         if self.limits is None:
@@ -197,103 +211,131 @@ class EventDetector:
     @property
     def gaps(self) -> list[float]:
         """Gaps of the contacts at the last check [m or rad]."""
-        return self.before[self.watched :]
+        return self.last_values[self.caller_event_count :]
 
     @property
     def without_callbacks(self) -> bool:
         """True if there are only contacts and position limits."""
-        return not self.watched
+        return self.caller_event_count == 0
 
-    def passings(self, states: Array, gaps: Array) -> Iterator[int]:
-        """Steps between states (m + 1, size) in which a contact begins or a joint passes a limit, ready to be located."""
+    def steps_with_passings(self, states: Array, gaps: Array) -> Iterator[int]:
+        """Indices of steps between states (m + 1, size) in which a contact begins or a joint passes a limit.
+
+        While the caller has an index, the stored values are those before that step; at the end, those of the last state.
+        """
         margins = self._margins(states)
-        for k in np.flatnonzero(self._begins_or_passes(gaps, margins)).tolist():
-            self.stand(gaps[k], margins[k])
+        begins_or_passes = self._begins_or_passes(gaps, margins)
+        for k in np.flatnonzero(begins_or_passes).tolist():
+            self.store_values(gaps[k], margins[k])
             yield k
-        self.stand(gaps[-1], margins[-1])
+        self.store_values(gaps[-1], margins[-1])
 
     def mark_passings(self, states: Array) -> tuple[NDArray[np.bool_], Array, Array]:
-        """Mask (m,) of states before which a contact begins or a joint passes a limit, with gaps and margins (m + 1, ...)."""
-        q = self.split(states.T)[0].T
-        after = np.array([contact.gaps(q) for contact in self.contacts]).reshape(-1, len(states)).T
-        gaps = np.concatenate([np.array([self.before]), after])
+        """Mask (m,) of states before which a contact begins or a joint passes a limit, with gaps and margins (m + 1, ...).
+
+        The first row of gaps and margins is that of the last check.
+        """
+        q = self._configurations(states)
+        gaps_after = np.array([contact.gaps(q) for contact in self.contacts]).reshape(-1, len(states)).T
+        gaps = np.concatenate([np.array([self.last_values]), gaps_after])
         margins = np.concatenate([self.margins[None], self._margins(states)])
         return self._begins_or_passes(gaps, margins), gaps, margins
 
-    def stand(self, gaps: Array, margins: Array) -> None:
-        """Store gaps and margins of a checked state."""
-        self.before, self.margins = gaps.tolist(), margins.copy()
+    def store_values(self, gaps: Array, margins: Array) -> None:
+        """Store gaps and margins of a checked state, if contacts are the only events."""
+        self.last_values = gaps.tolist()
+        self.margins = margins.copy()
+
+    def _configurations(self, states: Array) -> Array:
+        """Configurations (m, nq) of states (m, size)."""
+        q_columns, _ = self.split(states.T)
+        return q_columns.T
 
     def _margins(self, states: Array) -> Array:
-        """Margins of the position limits, (m, limits)."""
+        """Margins of the position limits in states (m, size): (m, limits)."""
         if self.limits is None:
             return np.zeros((len(states), 0))
-        return self.limits.margins(self.split(states.T)[0].T)
+        return self.limits.margins(self._configurations(states))
 
     def _begins_or_passes(self, gaps: Array, margins: Array) -> NDArray[np.bool_]:
-        """Mask (m,): a contact begins or a joint passes a limit between states (m + 1)."""
-        mask = ((gaps[:-1] > 0.0) & (gaps[1:] <= 0.0)).any(axis=1)
+        """Mask (m,): a contact begins or a joint passes a limit between states, by m + 1 gaps and margins."""
+        contact_begins = (gaps[:-1] > 0.0) & (gaps[1:] <= 0.0)
+        mask = contact_begins.any(axis=1)
         if self.limits is not None:
-            mask |= self.limits.mark_passings(margins[:-1], margins[1:]).any(axis=1)
+            passes_limit = self.limits.mark_passings(margins[:-1], margins[1:])
+            mask |= passes_limit.any(axis=1)
         return np.asarray(mask)
 
     def begin(self, t: float, y: Array) -> None:
         """Store the values of the first state."""
-        self.before, self.margins = self.values(t, y)
-        self.state = y.copy()
+        self.last_values, self.margins = self.values(t, y)
+        self.last_state = y.copy()
 
-    def leaves_at_once(self, y: Array, later: Array, h: float) -> Happening | None:
-        """Event of a joint that starts at a limit and moves beyond it; ``later`` is the state ``h`` s after the first."""
+    def event_at_start(self, y: Array, next_y: Array, h: float) -> Happening | None:
+        """Event of a joint that starts at a limit and moves beyond it; ``next_y`` is the state ``h`` s after y."""
         if self.limits is None:
             return None
         q, dq = self.split(y)
-        k = self.limits.leaving(q, dq, self.split(later)[1], h)
+        _, next_dq = self.split(next_y)
+        k = self.limits.limit_left_at_start(q, dq, next_dq, h)
         if k is None:
             return None
-        return Happening(self.limits.words(k, 0.0), 0.0, q.copy(), dq.copy())
+        return Happening(self.limits.event_text(k, 0.0), 0.0, q.copy(), dq.copy())
 
-    def look(self, t: float, points: Sequence[tuple[float, Array]], at: Step) -> tuple[list[Happening], float | None]:
-        """Events in a step from t through ``points``, and the time of the one that ends the run."""
-        events, s0 = [], 0.0
+    def events_of_step(
+        self, t: float, points: Sequence[tuple[float, Array]], state_at: Step
+    ) -> tuple[list[Happening], float | None]:
+        """Events in a step that begins at t, and the time after t of the event that ends the run; None if none does.
+
+        The step is checked at ``points``: times after t, in order, and states.
+        """
+        events = []
+        s0 = 0.0  # time after t of the last check
         for s1, y1 in points:
-            after, margins = self.values(t + s1, y1)
-            self._note_several(t + s1, s1 - s0, y1, after)
-            pairs = list(zip(self.before, after, strict=True))
-            crossed = [k for k, (g0, g1) in enumerate(pairs) if self._crosses(k, g0, g1)]
+            values, margins = self.values(t + s1, y1)
+            self._note_missed_zeros(t + s1, s1 - s0, y1, values)
+            before_and_after = list(zip(self.last_values, values, strict=True))
+            crossed = [k for k, (g0, g1) in enumerate(before_and_after) if self._crosses(k, g0, g1)]
+            # usually all joints are inside their limits, and nothing is compared
             if self.limits is not None and not (margins > self.limits.tolerances).all():
-                pairs += zip(self.margins.tolist(), margins.tolist(), strict=True)
-                crossed += (len(after) + np.flatnonzero(self.limits.mark_passings(self.margins, margins))).tolist()
+                before_and_after += zip(self.margins.tolist(), margins.tolist(), strict=True)
+                passed_limits = np.flatnonzero(self.limits.mark_passings(self.margins, margins))
+                crossed += (len(values) + passed_limits).tolist()
             moments = []
             for k in crossed:
-                g0, g1 = pairs[k]
-                moments.append((self._moment(k, t, (s0, g0), (s1, g1), at), k))
+                g0, g1 = before_and_after[k]
+                moments.append((self._moment(k, t, (s0, g0), (s1, g1), state_at), k))
             for s, k in sorted(moments):
-                q, dq = self.split(at(s))
+                q, dq = self.split(state_at(s))
                 events.append(Happening(self._name(k), t + s, q.copy(), dq.copy()))
                 if k >= len(self.events) or self.events[k].terminal:
                     return events, s
-            self.before, self.margins, s0 = after, margins, s1
+            self.last_values, self.margins = values, margins
+            s0 = s1
         return events, None
 
-    def _note_several(self, t: float, h: float, y: Array, after: Sequence[float]) -> None:
-        """Add remarks on events whose slope at t, after a step of h, allows more zeros than sign changes show."""
-        if self.state is not None and h > 0.0:
-            y0 = y + _SLOPE_INTERVAL * (self.state - y)
-            for k, event in enumerate(self.events[: self.watched]):
-                if event.name in self.several:
+    def _note_missed_zeros(self, t: float, h: float, y: Array, values: Sequence[float]) -> None:
+        """Add remarks on events of the caller that may have more zeros in the step of h s up to t than their signs show."""
+        if self.last_state is not None and h > 0.0:
+            y_before = y + _SLOPE_INTERVAL * (self.last_state - y)
+            t_before = t - _SLOPE_INTERVAL * h
+            for k, event in enumerate(self.events[: self.caller_event_count]):
+                if event.name in self.missed_zero_remarks:
                     continue
-                slope = (after[k] - self._value(k, t - _SLOPE_INTERVAL * h, y0)) / _SLOPE_INTERVAL
-                ends = abs(self.before[k]) + abs(after[k])
-                changes_sign = min(self.before[k], after[k]) <= 0.0 <= max(self.before[k], after[k])
-                max_slope = MAX_SLOPE_RATIO * ends if changes_sign else ends
-                jumps = abs(slope) * _SLOPE_INTERVAL > 0.5 * ends
+                g0, g1 = self.last_values[k], values[k]
+                slope = (g1 - self._value(k, t_before, y_before)) / _SLOPE_INTERVAL  # per step, not per second
+                sum_of_ends = abs(g0) + abs(g1)
+                changes_sign = min(g0, g1) <= 0.0 <= max(g0, g1)
+                max_slope = MAX_SLOPE_RATIO * sum_of_ends if changes_sign else sum_of_ends
+                # a jump of g within the short interval is not a slope
+                jumps = abs(slope) * _SLOPE_INTERVAL > 0.5 * sum_of_ends
                 if abs(slope) > max_slope and not jumps:
-                    self.several[event.name] = (
+                    self.missed_zero_remarks[event.name] = (
                         f"event {event.name!r} may pass zero more often than was seen: in the step to {number(t, 6)} s its "
-                        f"slope is {number(abs(slope) / h, 3)} 1/s, and its values are {number(self.before[k], 3)} and "
-                        f"{number(after[k], 3)}. Take a smaller dt than {number(h, 3)} s"
+                        f"slope is {number(abs(slope) / h, 3)} 1/s, and its values are {number(g0, 3)} and "
+                        f"{number(g1, 3)}. Take a smaller dt than {number(h, 3)} s"
                     )
-        self.state = y.copy()
+        self.last_state = y.copy()
 
     def _crosses(self, k: int, g0: float, g1: float) -> bool:
         """True if event k crosses zero in its direction from g0 to g1."""
@@ -301,32 +343,40 @@ class EventDetector:
         return (direction >= 0 and g0 < 0.0 <= g1) or (direction <= 0 and g0 > 0.0 >= g1)
 
     def _name(self, k: int) -> str:
+        """Name of event k, or text of the limit that follows the events."""
         if self.limits is not None and k >= len(self.events):
-            return self.limits.words(k - len(self.events), float(self.margins[k - len(self.events)]))
+            limit = k - len(self.events)
+            return self.limits.event_text(limit, float(self.margins[limit]))
         return self.events[k].name
 
     def _value(self, k: int, t: float, y: Array) -> float:
+        """Value g of event k, or margin of the limit that follows the events."""
         q, dq = self.split(y)
         if self.limits is not None and k >= len(self.events):
-            return float(self.limits.margins(q)[k - len(self.events)])
+            margins = self.limits.margins(q)
+            return float(margins[k - len(self.events)])
         return self.laws[k].number(t, q, dq)
 
-    def _moment(self, k: int, t: float, left: tuple[float, float], right: tuple[float, float], at: Step) -> float:
-        """Time after t at which g reaches its level, to a few units in the last place, by Brent's method on the step."""
+    def _moment(self, k: int, t: float, left: tuple[float, float], right: tuple[float, float], state_at: Step) -> float:
+        """Time after t at which event k happens, to a few units in the last place, by Brent's method.
+
+        ``left`` and ``right`` are the time after t and the value of g at the ends of the step.
+        """
         from scipy.optimize import brentq
 
         (s0, g0), (s1, g1) = left, right
-        level = 0.0
+        level = 0.0  # value of g at the event
         if self.limits is not None and k >= len(self.events):
-            level = self.limits.level(k - len(self.events), g0)
+            level = self.limits.event_margin(k - len(self.events), g0)
         if g1 == level:
             return s1
 
-        def g(s: float) -> float:
+        def difference_from_level(s: float) -> float:
             if s == s0:
                 return g0 - level
             if s == s1:
                 return g1 - level
-            return self._value(k, t + s, at(s)) - level
+            return self._value(k, t + s, state_at(s)) - level
 
-        return float(brentq(g, s0, s1, xtol=4e-16 * max(t, s1), rtol=1e-15, maxiter=200))
+        time_tolerance = 4e-16 * max(t, s1)  # two units in the last place of the time [s]
+        return float(brentq(difference_from_level, s0, s1, xtol=time_tolerance, rtol=1e-15, maxiter=200))

@@ -316,7 +316,7 @@ def _position_limits(robot: Robot, limits: str | None, y0: Array) -> PositionLim
             "a limit, or None. For stops that push back, contacts=tw.simulation.JointStops(stiffness=…)."
         )
     position_limits = PositionLimits.from_robot(robot)
-    outside = position_limits.outside(y0[: robot.nq])
+    outside = position_limits.outside_text(y0[: robot.nq])
     if outside:
         raise ValueRangeError(f"limits='stop', and q0 is outside already: {outside}. Start inside.")
     return position_limits

@@ -155,7 +155,7 @@ class Run:
         if contact_remark:
             remarks.append(contact_remark)
         if self.detector is not None:
-            remarks += self.detector.several.values()
+            remarks += self.detector.missed_zero_remarks.values()
         result = self.record.result(
             self.robot,
             WORKS,
@@ -218,7 +218,7 @@ class Run:
         """True if a joint starts at a limit and moves beyond it; the stored first state is then the last."""
         if self.detector is None:
             return False
-        event = self.detector.leaves_at_once(y, y1, h)
+        event = self.detector.event_at_start(y, y1, h)
         if event is None:
             return False
         self.record.events.append(event)
@@ -318,7 +318,7 @@ class Run:
         """
         if self.detector is None:
             return None
-        events, end = self.detector.look(t, points, state_at)
+        events, end = self.detector.events_of_step(t, points, state_at)
         self.record.events += events
         return end
 

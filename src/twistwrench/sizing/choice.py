@@ -52,12 +52,15 @@ class SizedJoint:
     """Drive of one joint over the cycle."""
 
     joint: str
+    """Name of the joint."""
     drive: Pair
+    """Names of the motor and of the gear."""
     mass: float
-    """kg, of motor and gear together."""
+    """Mass of motor and gear together [kg]."""
     motor: SizedMotor
     gear: SizedGear
     cycle: Cycle
+    """Loads of the joint."""
 
     @property
     def excess(self) -> tuple[str, ...]:
@@ -85,13 +88,13 @@ class SizedJoint:
 
     @property
     def tightest(self) -> tuple[str, Demand]:
-        """Demand nearest to its limit, with the name of its part."""
+        """Name of a part, and its demand that is nearest to its limit of all demands."""
         kind, part = max(self._parts, key=lambda kind_and_part: kind_and_part[1].tightest.share)
         return f"{kind} {part.name}", part.tightest
 
     @property
     def open(self) -> tuple[str, ...]:
-        """Sentence without a full stop for each demand that exceeds its limit or not, depending on noise of the log."""
+        """Sentence without a full stop for each demand of which noise of the log decides whether it exceeds its limit."""
         sentences = []
         for kind, part in self._parts:
             for demand in part.open:
@@ -111,11 +114,12 @@ class SizedJoint:
 
     @property
     def _parts(self) -> tuple[tuple[str, SizedMotor | SizedGear], ...]:
-        """Parts of the drive, each after its kind."""
+        """Pairs of the kind of a part, and the part."""
         return ("gear", self.gear), ("motor", self.motor)
 
 
 def _demand_sentence(joint: str, kind: str, part: SizedMotor | SizedGear, demand: Demand) -> str:
+    """Sentence without a full stop on a demand and its limit."""
     return f"{joint}, {kind} {part.name}: {demand.words}"
 
 
@@ -129,7 +133,7 @@ class Chosen:
     smaller: tuple[Pair, str] | None
     """Next smaller pair and the reason for its rejection; None if there is none."""
     rivals: tuple[Pair, ...] = ()
-    """Smaller pairs that may be sufficient, as noise of the log decides."""
+    """Smaller pairs of which noise of the log decides whether they are sufficient."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +150,9 @@ class SizingProblem:
     holding: slice
     """Nodes of the pause."""
     emergency: Motion | None
+    """Motion of an emergency stop; None without one."""
     friction: bool
+    """True if friction of the joints loads the drives."""
     add_masses: bool
     """True if the masses of motors and gears load the robot."""
     armed: tuple[str, ...]
@@ -154,6 +160,7 @@ class SizingProblem:
     ambient: float
     """Temperature of the surroundings [°C]."""
     life: float | None
+    """Required life of the gears [h]; None if it is not checked."""
     shared: bool
     """True if all drives have one electrical supply."""
     doubts: tuple[str, ...] = ()
@@ -164,7 +171,7 @@ class SizingProblem:
     def with_drives(self, drives: Mapping[str, tuple[CatalogMotor, Gear]], probe: str | None = None) -> Robot:
         """Robot with the drives as rotors with mass, and at the joint ``probe`` a rotor of 1 kg m² without a gear.
 
-        The probe shows the torque that a rotor at the joint needs, from which those of all candidates follow.
+        The probe shows the torque that a rotor at the joint needs. From it, the rotor torques of all candidates follow.
         """
         entries: dict[str, Any] = {}
         for joint, (motor, gear) in drives.items():
@@ -181,8 +188,8 @@ class SizingProblem:
         return self.robot.with_actuators({"actuators": entries})
 
     def cycles(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> list[Cycle]:
-        """Loads of a joint in each of the cycles, given the drives of other joints that load it."""
-        robot = self._with_probe(joint, drives)
+        """Loads of a joint in each of the cycles, with the drives of other joints on the robot."""
+        robot = self._robot_with_probe(joint, drives)
         cycles = [self._cycle(robot, joint, states, self.time, self.holding) for states in self.states]
         if not self.bears:
             return cycles
@@ -198,15 +205,18 @@ class SizingProblem:
         stop = self.emergency
         if stop is None:
             return None
-        robot = self._with_probe(joint, drives)
-        return self._cycle(robot, joint, (stop.q, stop.dq, stop.ddq), stop.time, slice(len(stop), None))
+        robot = self._robot_with_probe(joint, drives)
+        no_nodes = slice(len(stop), None)  # without a pause
+        return self._cycle(robot, joint, (stop.q, stop.dq, stop.ddq), stop.time, no_nodes)
 
-    def _with_probe(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Robot:
+    def _robot_with_probe(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Robot:
+        """Robot with the drives of the other joints, and the probe at this joint."""
         return self.with_drives(_other_drives(drives, joint), probe=joint)
 
     def _cycle(
         self, robot: Robot, joint: str, states: tuple[Array, Array, Array], time: Array, holding: slice
     ) -> Cycle:
+        """Loads of a joint at the nodes of a cycle, for a robot with the probe; ``holding`` are the nodes of the pause."""
         q, dq, ddq = states
         k = robot.model.velocity_names.index(joint)
         link_torques, rotor_torques = robot.drive_torques(q, dq, ddq)
@@ -216,14 +226,14 @@ class SizingProblem:
         if self.brake:
             torque[holding] = 0.0
         # Subtract the probe: its inertia of 1 kg m², and the torque of its own acceleration.
-        mass = robot.mass_matrix(q)[:, k, k] - 1.0
-        rotor_torque = rotor_torques[:, k] - ddq[:, k]
-        return Cycle(time, np.diff(time), moving(dq[:, k]), torque, ddq[:, k], rotor_torque, mass)
+        inertia = robot.mass_matrix(q)[:, k, k] - 1.0
+        carrier_acceleration = rotor_torques[:, k] - ddq[:, k]
+        return Cycle(time, np.diff(time), moving(dq[:, k]), torque, ddq[:, k], carrier_acceleration, inertia)
 
     def size_joint(
         self, joint: str, drive: tuple[CatalogMotor, Gear], cycles: Sequence[Cycle], emergency: Cycle | None
     ) -> SizedJoint:
-        """One drive under the loads of its joint, in the cycle and in equally likely ones."""
+        """One drive under the loads of its joint, in the cycle and in equally likely cycles."""
         entry, gear = drive
 
         def motor_in(cycle: Cycle) -> SizedMotor:
@@ -233,13 +243,15 @@ class SizingProblem:
         def gear_in(cycle: Cycle) -> SizedGear:
             return sized_gear(gear, cycle, self.life, emergency, weighs=self.add_masses)
 
-        motor_use, gear_use = motor_in(cycles[0]), gear_in(cycles[0])
-        if len(cycles) > 1 and max(motor_use.tightest.share, gear_use.tightest.share) < _MAX_SHARE_FOR_NOISE:
-            motor_draws = [motor_in(cycle).demands for cycle in cycles[1:]]
-            gear_draws = [gear_in(cycle).demands for cycle in cycles[1:]]
+        cycle, *likely_cycles = cycles
+        motor_use, gear_use = motor_in(cycle), gear_in(cycle)
+        max_share = max(motor_use.tightest.share, gear_use.tightest.share)
+        if likely_cycles and max_share < _MAX_SHARE_FOR_NOISE:
+            motor_draws = [motor_in(likely_cycle).demands for likely_cycle in likely_cycles]
+            gear_draws = [gear_in(likely_cycle).demands for likely_cycle in likely_cycles]
             motor_use = replace(motor_use, demands=with_noise(motor_use.demands, motor_draws))
             gear_use = replace(gear_use, demands=with_noise(gear_use.demands, gear_draws))
-        return SizedJoint(joint, (entry.name, gear.name), entry.mass + gear.mass, motor_use, gear_use, cycles[0])
+        return SizedJoint(joint, (entry.name, gear.name), entry.mass + gear.mass, motor_use, gear_use, cycle)
 
 
 def _other_drives(drives: Mapping[str, tuple[CatalogMotor, Gear]], joint: str) -> dict[str, tuple[CatalogMotor, Gear]]:
@@ -300,11 +312,12 @@ class Sizing(Answer):
 
     @cached_property
     def verdict(self) -> Verdict:
-        """OVER LIMIT with every exceeded limit, UNSURE with every missing rating or where noise or the log decides, or OK.
+        """OVER LIMIT with every exceeded limit, UNSURE with every missing rating and every doubt, or OK.
 
         LOOK AGAIN if the log contradicts itself. A rating exceeded by a log whose rows are in doubt is not certain.
         """
-        drive_verdict, report = self.of_drives, self.report
+        drive_verdict = self.of_drives
+        report = self.report
         if report is None:
             return drive_verdict
         refusals = contradictions(report)
@@ -331,7 +344,8 @@ class Sizing(Answer):
             over += joint.excess
             unsure += [*joint.open, *joint.missing]
         if base_doubts(self.problem.robot.model):  # nothing holds the base: torques differ if the robot stands
-            unsure = [*map(hanging_excess, over[:1]), *unsure]
+            if over:
+                unsure.insert(0, hanging_excess(over[0]))
             over = []
         return Verdict.from_reasons(over=over, unsure=[*self.problem.doubts, *unsure])
 
@@ -358,7 +372,8 @@ class Sizing(Answer):
         if not self.joints:
             return ""
         nearest = self._joints_by_share[0]
-        return f"{nearest.joint} {percent_of_limit(nearest.tightest[1].share)}"
+        _, demand = nearest.tightest
+        return f"{nearest.joint} {percent_of_limit(demand.share)}"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict, drives with their figures, supply and remarks."""
@@ -407,8 +422,7 @@ class Sizing(Answer):
         columns = "joint", "part", "name", "figure", "value", "limit", "unit", "share"
         with csv_table(path, columns) as table:
             for joint in self.joints.values():
-                parts: list[tuple[str, SizedMotor | SizedGear]] = [("gear", joint.gear), ("motor", joint.motor)]
-                for kind, part in parts:
+                for kind, part in joint._parts:
                     for demand in part.demands:
                         limit, share = _finite_or_none(demand.limit), _finite_or_none(demand.share)
                         names = joint.joint, kind, part.name
@@ -417,7 +431,7 @@ class Sizing(Answer):
 
     @property
     def _joints_by_share(self) -> list[SizedJoint]:
-        """Joints by the share of their tightest limit, largest first."""
+        """Joints by the largest share of a limit, largest first."""
         return sorted(self.joints.values(), key=lambda joint: -joint.tightest[1].share)
 
     @property
@@ -471,20 +485,21 @@ class Sizing(Answer):
         """
         import yaml
 
+        text = yaml.safe_dump(self.actuators(), sort_keys=False, allow_unicode=True)
         with replacing(path) as scratch:
-            scratch.write_text(yaml.safe_dump(self.actuators(), sort_keys=False, allow_unicode=True), encoding="utf-8")
+            scratch.write_text(text, encoding="utf-8")
         return Path(path)
 
 
 def _finite_or_none(value: float) -> float | None:
-    """Value, or None if it is infinite, which a table leaves empty."""
+    """Value; None, an empty cell of a table, if it is not finite."""
     if math.isfinite(value):
         return value
     return None
 
 
 def _shortest_decimal(value: float) -> str:
-    """Shortest decimal from which the number is read again."""
+    """Shortest decimal that is read as the same number."""
     return repr(float(value))
 
 
@@ -495,8 +510,9 @@ def _actuator_entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str,
     rating_units = {name: si_unit(rating.kind) for name, rating in RATINGS.items()}
     motor_content: dict[str, Any] = _finite_values(motor, rating_units)
     if thermal is not None:
-        thermal_units = {"winding_housing": "K/W", "housing_ambient": "K/W", "winding_time": "s", "housing_time": "s",
-                         "maximum": "degC"}  # fmt: skip
+        thermal_units = {
+            "winding_housing": "K/W", "housing_ambient": "K/W", "winding_time": "s", "housing_time": "s", "maximum": "degC",
+        }  # fmt: skip
         thermal_content = _finite_values(thermal, thermal_units)
         thermal_content["coefficient"] = thermal.coefficient
         thermal_content["reference"] = f"{_shortest_decimal(thermal.reference)} degC"
@@ -537,10 +553,10 @@ def sizing_of(
 ) -> Sizing:
     """Sizing for the states of a motion followed by the pause; smallest drives if the catalogue names none."""
     names = drive_joints(robot, catalog)
-    bare = bare_robot(robot, names)
+    robot_without_armature = bare_robot(robot, names)
     cycle_states, time, holding = _with_pause([states.motion, *states.draws], pause)
     problem = SizingProblem(
-        robot=bare,
+        robot=robot_without_armature,
         states=cycle_states,
         time=time,
         brake=brake,
@@ -548,11 +564,11 @@ def sizing_of(
         emergency=emergency,
         friction=friction,
         add_masses=add_masses,
-        armed=_with_armature(robot, names),
+        armed=_joints_with_armature(robot, names),
         ambient=ambient,
         life=life,
         shared=shared_supply,
-        doubts=tuple(_load_doubts(bare, states.motion)),
+        doubts=tuple(_load_doubts(robot_without_armature, states.motion)),
         bears=catalog.bears,
     )
     if catalog.drives:
@@ -583,33 +599,34 @@ def sizing_refused(robot: Robot, catalog: Catalog, report: TorqueReport) -> Sizi
 
 def drive_joints(robot: Robot, catalog: Catalog) -> tuple[str, ...]:
     """Joints whose drives are sized: those of the catalogue, or all driven revolute joints. Raises UnknownNameError."""
-    turning: list[str] = []
+    revolute_joints: list[str] = []
     for body in robot.model.leaders:
         joint = body.joint
         if joint.nv == 1 and joint.turning[0] and joint.driven:
-            turning.append(joint.name)
-    names = tuple(catalog.drives) or tuple(turning)
+            revolute_joints.append(joint.name)
+    names = tuple(catalog.drives) or tuple(revolute_joints)
     for name in names:
-        if name not in turning:
-            raise UnknownNameError.from_choices("joint that turns", name, turning)
+        if name not in revolute_joints:
+            raise UnknownNameError.from_choices("joint that turns", name, revolute_joints)
     return names
 
 
-def _with_armature(robot: Robot, names: Iterable[str]) -> tuple[str, ...]:
-    """Names of the joints whose armature is not zero."""
-    return tuple(name for name in names if robot.armature[robot.model.velocity_names.index(name)])
+def _joints_with_armature(robot: Robot, names: Iterable[str]) -> tuple[str, ...]:
+    """Those of the joints whose armature is not zero."""
+    armature_by_joint = dict(zip(robot.model.velocity_names, robot.armature, strict=True))
+    return tuple(name for name in names if armature_by_joint[name])
 
 
 def bare_robot(robot: Robot, names: Iterable[str]) -> Robot:
     """Robot without the armature of these joints, which the rotors of the drives replace."""
-    armed = _with_armature(robot, names)
-    if not armed:
+    joints = _joints_with_armature(robot, names)
+    if not joints:
         return robot
-    return robot.with_armature(dict.fromkeys(armed, 0.0))
+    return robot.with_armature(dict.fromkeys(joints, 0.0))
 
 
 class _Peak(NamedTuple):
-    """Largest torque of a velocity."""
+    """Largest torque of a joint, as :func:`model_warnings` reads it."""
 
     peak: float
     unit: str
@@ -625,27 +642,31 @@ def _load_doubts(robot: Robot, motion: Motion) -> list[str]:
 
 
 def _with_pause(motions: Sequence[Motion], pause: float) -> tuple[list[tuple[Array, Array, Array]], Array, slice]:
-    """States of each motion followed by the pause, their times, and the nodes of the pause."""
-    n, time = len(motions[0]), motions[0].time - motions[0].time[0]
+    """States of each motion followed by the pause, their times from 0, and the nodes of the pause, its begin and end."""
+    first_motion = motions[0]  # all have the same times
+    n = len(first_motion)
+    time = first_motion.time - first_motion.time[0]
     if pause == 0:
         return [(motion.q, motion.dq, motion.ddq) for motion in motions], time, slice(n, n)
-    zeros = np.zeros((2, motions[0].dq.shape[1]))
+    zeros = np.zeros((2, first_motion.dq.shape[1]))
     states = []
     for motion in motions:
         q = np.concatenate([motion.q, motion.q[-1:], motion.q[-1:]])
         states.append((q, np.concatenate([motion.dq, zeros]), np.concatenate([motion.ddq, zeros])))
-    return states, np.append(time, [time[-1], time[-1] + pause]), slice(n, n + 2)
+    time_with_pause = np.append(time, [time[-1], time[-1] + pause])
+    return states, time_with_pause, slice(n, n + 2)
 
 
 def _size_drives(
     problem: SizingProblem, catalog: Catalog, drives: Mapping[str, Pair], choice: Mapping[str, Chosen]
 ) -> Sizing:
-    """Sizing of all drives."""
-    motor_and_gear = {name: catalog.pair(pair) for name, pair in drives.items()}
+    """Sizing of these drives, all of them on the robot."""
+    parts_by_joint = {name: catalog.pair(pair) for name, pair in drives.items()}
     joints: dict[str, SizedJoint] = {}
-    for name, drive in motor_and_gear.items():
-        cycles, emergency = problem.cycles(name, motor_and_gear), problem.emergency_cycle(name, motor_and_gear)
-        joints[name] = problem.size_joint(name, drive, cycles, emergency)
+    for name, motor_and_gear in parts_by_joint.items():
+        cycles = problem.cycles(name, parts_by_joint)
+        emergency = problem.emergency_cycle(name, parts_by_joint)
+        joints[name] = problem.size_joint(name, motor_and_gear, cycles, emergency)
     left_out = tuple(name for name in problem.robot.model.velocity_names if name not in joints)
     powers = [joint.motor.power for joint in joints.values()]
     if not powers:
@@ -673,33 +694,29 @@ def _choose_drives(problem: SizingProblem, catalog: Catalog, names: Iterable[str
 def _smallest_drive(
     problem: SizingProblem, catalog: Catalog, joint: str, chosen_parts: Mapping[str, tuple[CatalogMotor, Gear]]
 ) -> Chosen:
-    """Smallest pair that is certainly sufficient, else the smallest that may be; pairs are tried by their size."""
-    cycles, emergency = problem.cycles(joint, chosen_parts), problem.emergency_cycle(joint, chosen_parts)
-    trials: list[tuple[Pair, SizedJoint]] = []
-    ends_with_sure_pair = False
+    """Smallest pair that is certainly sufficient; if there is none, the smallest that may be. Pairs are tried by size."""
+    cycles = problem.cycles(joint, chosen_parts)
+    emergency = problem.emergency_cycle(joint, chosen_parts)
+    trials: list[SizedJoint] = []
     for pair in sorted(catalog.pairs, key=catalog.size):
         trial = problem.size_joint(joint, catalog.pair(pair), cycles, emergency)
-        trials.append((pair, trial))
+        trials.append(trial)
         if trial.sure:
-            ends_with_sure_pair = True
             break
-    fitting = [k for k, (_, trial) in enumerate(trials) if trial.fits]
+    fitting = [k for k, trial in enumerate(trials) if trial.fits]  # indices of trials
     if not fitting:
         return Chosen(joint, None, None)
     rivals: list[Pair] = []
-    chosen_trial = fitting[0]
-    if ends_with_sure_pair:
-        chosen_trial = fitting[-1]
-        for k in fitting[:-1]:
-            pair, trial = trials[k]
-            if not trial.missing:
-                rivals.append(pair)
+    chosen = fitting[0]
+    if trials[-1].sure:
+        chosen = fitting[-1]
+        rivals = [trials[k].drive for k in fitting[:-1] if not trials[k].missing]
     smaller = None
-    if chosen_trial > 0:
-        pair, trial = trials[chosen_trial - 1]
-        reasons = trial.excess or trial.open or trial.missing
-        smaller = pair, reasons[0]
-    return Chosen(joint, trials[chosen_trial][0], smaller, tuple(rivals))
+    if chosen > 0:
+        next_smaller = trials[chosen - 1]
+        reasons = next_smaller.excess or next_smaller.open or next_smaller.missing
+        smaller = next_smaller.drive, reasons[0]
+    return Chosen(joint, trials[chosen].drive, smaller, tuple(rivals))
 
 
 def drive_name(pair: Pair) -> str:
@@ -710,17 +727,17 @@ def drive_name(pair: Pair) -> str:
     return f"gear {gear} with motor {motor}"
 
 
-def smallest_drives(now: Sizing, best: Sizing) -> list[str]:
-    """Sentence for each joint with an insufficient drive: the smallest sufficient one and the mass it adds."""
-    lines = []
-    for name, joint in now.joints.items():
+def smallest_drives(given: Sizing, chosen: Sizing) -> list[str]:
+    """Sentence for each joint whose given drive is insufficient: the chosen drive and the mass that it adds."""
+    sentences = []
+    for name, joint in given.joints.items():
         if joint.fits:
             continue
-        chosen = best.choice[name].drive
-        if chosen is None:
-            lines.append(f"{name}: no pair of the catalogue does it")
+        drive = chosen.choice[name].drive
+        if drive is None:
+            sentences.append(f"{name}: no pair of the catalogue does it")
         else:
-            added_mass = best.joints[name].mass - joint.mass
+            added_mass = chosen.joints[name].mass - joint.mass
             sign = "+" if added_mass >= 0 else "-"
-            lines.append(f"{name}: smallest that does it: {drive_name(chosen)} ({sign}{number(abs(added_mass))} kg)")
-    return lines
+            sentences.append(f"{name}: smallest that does it: {drive_name(drive)} ({sign}{number(abs(added_mass))} kg)")
+    return sentences

@@ -50,7 +50,7 @@ def sizing_view(sizing: Sizing) -> Iterator[Block]:
         yield from _notes(sizing)
         return
     if verdict.word is Word.OK:
-        closest = max(sizing.joints.values(), key=lambda joint: joint.tightest[1].share)
+        closest = max(sizing.joints.values(), key=_largest_share)
         part, demand = closest.tightest
         yield Headline(Word.OK, f"all ratings kept. Closest: {closest.joint}, {part}: {demand.words}.")
     else:
@@ -63,9 +63,9 @@ def sizing_view(sizing: Sizing) -> Iterator[Block]:
         yield drives_table(sizing, sizing.problem.ambient)
     for joint, choice in sizing.choice.items():
         if choice.smaller is not None:
-            pair, reason = choice.smaller
-            shortened_reason = reason.removeprefix(f"{joint}, ")
-            yield f"{joint}: the next smaller ({drive_name(pair)}) fails: {shortened_reason}."
+            smaller_drive, reason = choice.smaller
+            shortened_reason = reason.removeprefix(f"{joint}, ")  # the joint is named already
+            yield f"{joint}: the next smaller ({drive_name(smaller_drive)}) fails: {shortened_reason}."
     supply = sizing.supply
     yield Line(
         f"Supply: peak {quantity(supply.peak, 'W')}, mean {quantity(supply.mean, 'W')}; a cycle draws "
@@ -79,20 +79,26 @@ def sizing_view(sizing: Sizing) -> Iterator[Block]:
 
 def _verdict_blocks(verdict: Verdict) -> Iterator[Headline | Remark]:
     """Headline with the first reason, and the other reasons as remarks."""
-    first, *others = verdict.reasons or ("",)
-    yield Headline(verdict.word, f"{first}.")
-    yield from remarks(f"{reason}." for reason in others)
+    first_reason, *other_reasons = verdict.reasons or ("",)
+    yield Headline(verdict.word, f"{first_reason}.")
+    yield from remarks(f"{reason}." for reason in other_reasons)
 
 
 def _notes(sizing: Sizing) -> Iterator[Remark]:
-    """Remarks on the payload, on the log, and on torque limits of the robot's file that are probably not those of motors."""
+    """Remarks on the payload, on the log, and on torque limits of the robot's file that are probably placeholders."""
     report = sizing.report
     if report is None:
         return
     yield from remarks([*report.load.unit_hints, *notes_on_log(report)])
-    limits = placeholder_limits(report.load.robot, report.limits)
-    if limits:
-        yield from remarks([f"The robot's file has {limits}. Drives are judged by their ratings, not by these."])
+    placeholders = placeholder_limits(report.load.robot, report.limits)  # empty text if there are none
+    if placeholders:
+        yield from remarks([f"The robot's file has {placeholders}. Drives are judged by their ratings, not by these."])
+
+
+def _largest_share(joint: SizedJoint) -> float:
+    """Share of the rating to which a joint's drive is nearest."""
+    _, demand = joint.tightest
+    return demand.share
 
 
 _MIN_NAME_WIDTH = 9
@@ -105,24 +111,29 @@ def drives_table(sizing: Sizing, ambient: float) -> Table:
     """Table with one row per joint; limits are shown behind the values."""
     joints = list(sizing.joints.values())
     names = [joint.joint for joint in joints]
-    motors = [joint.drive[0] for joint in joints]
-    gears = [joint.drive[1] for joint in joints]
+    narrow_names = replace(words("joint", names), min_width=_MIN_NAME_WIDTH)
+    drives = [joint.drive for joint in joints]
+    gears = [gear for _, gear in drives]
+    gear_column = None
+    if any(gear != DIRECT for gear in gears):
+        gear_column = words("gear", gears)
     currents = [joint.motor.rms_current for joint in joints]
-    shares = [joint.tightest[1].share for joint in joints]
+    current_text = partial(number, digits=_DIGITS, decimals=_CURRENT_DECIMALS)
+    shares = [_largest_share(joint) for joint in joints]
     return Table(
         f"Drives at {number(ambient)} degC",
-        words("joint", names, fold=False, narrow=replace(words("joint", names), min_width=_MIN_NAME_WIDTH)),
-        words("motor", motors),
-        words("gear", gears) if set(gears) - {DIRECT} else None,  # no column if all drives are direct
+        words("joint", names, fold=False, narrow=narrow_names),
+        words("motor", [motor for motor, _ in drives]),
+        gear_column,
         _demand_column("mean", joints, "average torque", "N m"),
         _demand_column("peak", joints, "peak torque", "N m"),
         _demand_column("input", joints, "input speed", "rpm"),
-        numbers("rms", currents, partial(number, digits=_DIGITS, decimals=_CURRENT_DECIMALS), "A"),
+        numbers("rms", currents, current_text, "A"),
         numbers("winding", map(_max_winding_temperature, joints), _figure, "degC"),
         numbers("J ratio", [j.motor.inertia_ratio for j in joints], _figure),
         numbers("used", shares, share_cell),
         most=_MAX_ROWS,
-        by=shares,
+        by=shares,  # the rows with the largest shares are shown
     )
 
 
@@ -131,7 +142,8 @@ def _max_winding_temperature(joint: SizedJoint) -> float:
     temperature = joint.motor.temperature
     if not temperature.size:
         return math.nan
-    return float(temperature[:, 0].max())
+    winding_temperature = temperature[:, 0]
+    return float(winding_temperature.max())
 
 
 def _figure(value: float) -> str:
@@ -139,48 +151,52 @@ def _figure(value: float) -> str:
     return number(value, _DIGITS)
 
 
-def _demand_column(name: str, joints: Sequence[SizedJoint], what: str, unit: str) -> Column:
-    """Column of a demand on gears with its limits, which stand below it in narrow terminals; excessive demands are red."""
-    demands = [_gear_demand(joint, what) for joint in joints]
+def _demand_column(header: str, joints: Sequence[SizedJoint], demand_name: str, unit: str) -> Column:
+    """Column of a demand on gears with its limits. In narrow terminals, the limits stand below the demands."""
+    demands = [_gear_demand(joint, demand_name) for joint in joints]
     limits = [math.inf if demand is None else demand.limit for demand in demands]
-    column = numbers(name, map(_cell, demands), unit=unit, limits=limits)
-    narrow_cells = map(partial(_cell, between="\n/ "), demands)
-    return replace(column, narrow=numbers(name, narrow_cells, unit=unit, limits=limits))
+    column = numbers(header, map(_demand_cell, demands), unit=unit, limits=limits)
+    narrow_cells = [_demand_cell(demand, separator="\n/ ") for demand in demands]
+    return replace(column, narrow=numbers(header, narrow_cells, unit=unit, limits=limits))
 
 
-def _gear_demand(joint: SizedJoint, what: str) -> Demand | None:
+def _gear_demand(joint: SizedJoint, demand_name: str) -> Demand | None:
     """Demand on the gear of a joint by its name; None if the gear has no such rating."""
     for demand in joint.gear.demands:
-        if demand.what == what:
+        if demand.what == demand_name:
             return demand
     return None
 
 
-def _cell(demand: Demand | None, between: str = " / ") -> Line | str:
-    """Cell with a demand and its limit, and a text between them."""
+def _demand_cell(demand: Demand | None, separator: str = " / ") -> Line | str:
+    """Cell with a demand, red if it exceeds its limit, and the limit if it is finite; a dash without a demand."""
     if demand is None:
         return number(None)
-    limit = ""
+    limit_text = ""
     if math.isfinite(demand.limit):
-        limit = f"{between}{_figure(demand.limit)}"
+        limit_text = f"{separator}{_figure(demand.limit)}"
     style = Style.OVER if over_limit(demand.share) else ""
-    return Line((_figure(demand.value), style), (limit, Style.QUIET), value=demand.value)
+    return Line((_figure(demand.value), style), (limit_text, Style.QUIET), value=demand.value)
 
 
 def worst_moment(sizing: Sizing) -> tuple[Array, MarkedJoint | None, str]:
-    """Configuration in which a drive is nearest to a rating, its joint, and a title."""
+    """Configuration in which a drive is nearest to a rating, its joint, and a title.
+
+    Without joints, or if the rating belongs to no time of the motion, it is the first configuration.
+    """
     cycle = sizing.motion
-    assert cycle is not None
+    assert cycle is not None  # a caller checks it
     name = cycle.robot.name
     title_at_start = f"{name} at the beginning of the motion"
     if not sizing.joints:
         return cycle.q[0], None, title_at_start
-    joint = max(sizing.joints.values(), key=lambda j: j.tightest[1].share)
+    joint = max(sizing.joints.values(), key=_largest_share)
     _, demand = joint.tightest
     label = f"{joint.joint}, {demand.what} {percent_of_limit(demand.share)} of its limit"
     marked = MarkedJoint(joint.joint, label, mark_style(demand.share))
-    moment = cycle.time[0] + demand.time
-    if not cycle.time[0] <= moment <= cycle.time[-1]:  # a rating of the whole cycle, or a time in the pause
+    time = cycle.time[0] + demand.time
+    is_in_motion = cycle.time[0] <= time <= cycle.time[-1]
+    if not is_in_motion:  # a rating of the whole cycle, whose time is nan, or a time in the pause
         return cycle.q[0], marked, title_at_start
-    row = np.abs(cycle.time - moment).argmin()
-    return cycle.q[row], marked, f"{name} at t = {seconds(moment)} s"
+    nearest_row = np.abs(cycle.time - time).argmin()
+    return cycle.q[nearest_row], marked, f"{name} at t = {seconds(time)} s"

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 SAMPLES = 200_000
 """Number of random configurations of a map."""
 Plane: TypeAlias = Literal["rz", "xz", "yz", "xy"]
-"""Planes of a map."""
+"""Planes of a map: of two axes of the base frame, or of height z and distance r from the z-axis."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,13 +122,13 @@ class PayloadReport(Answer):
 
     @cached_property
     def judged(self) -> bool:
-        """True if every joint that is loaded has a torque limit."""
+        """True if every joint that is loaded has a torque limit, so that the payload can be compared with limits."""
         return not drives_without_limit(self.robot.model, self.limits.effort, self.loads)
 
     @property
     def limiting(self) -> str | None:
         """Joint that limits the payload; None if none does, or limits are missing."""
-        k = int(self.largest.joint)
+        k = int(self.largest.joint)  # -1 if no joint limits the payload
         if self.judged and k >= 0 and self.largest.holds:
             return self.largest.joint_names[k]
         return None
@@ -136,36 +136,42 @@ class PayloadReport(Answer):
     @cached_property
     def contradictions(self) -> tuple[str, ...]:
         """Sentences on limits and loads that contradict themselves."""
-        return tuple(str(each) for each in self._credible if each.refuses)
+        return tuple(str(doubt) for doubt in self._input_doubts if doubt.refuses)
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
         """Reasons to be unsure, sentences without a full stop."""
         model, largest = self.robot.model, self.largest
-        doubts = [str(each) for each in self._credible if not each.refuses]
-        doubts += [*base_doubts(model, "hangs, payload"), *limit_doubts(self.load.robot, self.limits, self.loads)]
-        if largest.joint < 0 and largest.holds and self.is_default_pose:
+        doubts = [str(doubt) for doubt in self._input_doubts if not doubt.refuses]
+        doubts += base_doubts(model, "hangs, payload")
+        doubts += limit_doubts(self.load.robot, self.limits, self.loads)
+        no_joint_limits = largest.joint < 0
+        if no_joint_limits and largest.holds and self.is_default_pose:
             doubts.append(
                 "at the default pose the load stands on the axes of the joints, so no torque depends on it: give "
                 f"{spell(Argument('at'))}"
             )
-        lacking = model_warnings(model)
-        if lacking:
-            doubts.append(f"{'; '.join(lacking)}: the payload may be less")
+        warnings = model_warnings(model)
+        if warnings:
+            doubts.append(f"{'; '.join(warnings)}: the payload may be less")
         return tuple(doubts)
 
     @property
-    def _credible(self) -> list[Doubt]:
-        """Doubts about limits, tools and the place of the payload; an excess stands at any size of a tool."""
+    def _input_doubts(self) -> list[Doubt]:
+        """Doubts about limits, tools and the place of the payload.
+
+        If the robot cannot hold its tools, doubts about their size are left out unless they refuse the answer.
+        """
         frame = self.frame if self.names_frame else None
-        payload_doubts = credible_load(None, self.com, frame, self.robot, reach(self.robot.model))
-        tool_doubts = [each for each in self.load.doubts if each.refuses or self.largest.holds]
+        robot_reach = reach(self.robot.model)
+        payload_doubts = credible_load(None, self.com, frame, self.robot, robot_reach)
+        tool_doubts = [doubt for doubt in self.load.doubts if doubt.refuses or self.largest.holds]
         return [*credible_limits(self.limits, self.load.robot), *tool_doubts, *payload_doubts]
 
     @property
     def assumed(self) -> str:
         """Text with the assumptions of the verdict; empty if there are none."""
-        payload = Payload(1.0, frame=self.frame if self.names_frame else None)
+        payload = Payload(1.0, frame=self.frame if self.names_frame else None)  # any mass: only the frame is assumed
         return assumed_words(assumptions(self.robot.model, (payload, *self.load.payloads)))
 
     @cached_property
@@ -173,11 +179,15 @@ class PayloadReport(Answer):
         """LOOK AGAIN, OVER LIMIT for a pose that the robot cannot take or hold, UNSURE, or OK."""
         from .payload_view import findings
 
-        results = findings(self)
-        word = results[0][0]
+        results = findings(self)  # pairs (word, sentences), the gravest first
+        word, _ = results[0]
         if word is Word.OK:
             return Verdict(word)
-        return Verdict(word, tuple(reason for each, sentences in results if each is word for reason in sentences))
+        reasons: list[str] = []
+        for other_word, sentences in results:
+            if other_word is word:
+                reasons += sentences
+        return Verdict(word, tuple(reasons))
 
     # ── The answer on every surface
 
@@ -248,8 +258,9 @@ class PayloadReport(Answer):
         if self.judged:
             columns |= {"holds_up_to": largest.per_joint, "share": without_noise(largest.share)}
         with csv_table(path, ["joint", *columns]) as table:
-            for name, *row in zip(largest.joint_names, *columns.values(), strict=True):
-                table.row([name, *(None if math.isnan(x) else x for x in row)])
+            for k, name in enumerate(largest.joint_names):
+                values = [column[k] for column in columns.values()]
+                table.row([name, *(None if math.isnan(value) else value for value in values)])
         return Path(path)
 
 
@@ -309,37 +320,39 @@ def payload(
         raise ValueRangeError(
             f"{argument('samples')} is about the map, and there is none. Add {argument('map', 'rz')}."
         )
-    plane, count = None, 0
+    plane, sample_count = None, 0
     if map is not None:
-        plane, count = plane_and_samples(map, SAMPLES if samples is None else samples)
+        plane, sample_count = plane_and_samples(map, SAMPLES if samples is None else samples)
     if not isinstance(robot, Robot):
         robot = load(robot)
-    loads = LoadCase(robot, payloads_of(tool))
-    robot, centre = loads.with_load, arguments.one(points(com), "com", 3)
-    name = _frame_of(robot, frame)
+    load_case = LoadCase(robot, payloads_of(tool))
+    robot = load_case.with_load
+    centre = arguments.one(points(com), "com", 3)
+    frame_name = _frame_name(robot, frame)
     q = configuration_of(robot, at, degrees=degrees)
-    bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
-    largest = largest_payload(robot, q, centre, frame=frame, limits=bounds.effort)
+    used_limits = limits_file.limits_of(limits, robot.model, degrees=degrees)
+    largest = largest_payload(robot, q, centre, frame=frame, limits=used_limits.effort)
     report = PayloadReport(
-        largest, loads, q, name, centre, bounds, None, is_default_pose=at is None, names_frame=frame is not None,
-        degrees=degrees,
+        largest, load_case, q, frame_name, centre, used_limits, None, is_default_pose=at is None,
+        names_frame=frame is not None, degrees=degrees,
     )  # fmt: skip
     if plane is None or not report.judged:
         return report
-    chart = payload_map(robot, plane, samples=count, com=centre, frame=frame, limits=bounds.effort)
+    chart = payload_map(robot, plane, samples=sample_count, com=centre, frame=frame, limits=used_limits.effort)
     return replace(report, map=chart)
 
 
-def _frame_of(robot: Robot, frame: str | None) -> str:
-    """Name of the frame, by default the tip. Raises FrameError without a single tip, UnknownNameError.
+def _frame_name(robot: Robot, frame: str | None) -> str:
+    """Name of the given frame, or of the tip if None is given.
 
-    Raises ValueRangeError if a robot without a single tip has a floating base.
+    Raises UnknownNameError for an unknown frame, and FrameError if a robot has no single tip, or ValueRangeError if
+    its base floats, too.
     """
     if frame is None and robot.tip is None:
-        require_fixed_base(robot, "the largest payload")  # a frame does not help there
-        first, *_ = tips = robot.model.possible_tips
+        require_fixed_base(robot, "the largest payload")  # with a floating base, naming a frame does not help
+        tips = robot.model.possible_tips
         raise FrameError(
-            f"robot {robot.name!r} has no single tip, so the frame of the payload must be named: {argument('frame', first)}. "
+            f"robot {robot.name!r} has no single tip, so the frame of the payload must be named: {argument('frame', tips[0])}. "
             f"It may be one of {listed(tips, 12)}."
         )
     try:

@@ -19,8 +19,8 @@ from ..robot.base import require_robot
 if TYPE_CHECKING:
     from ..robot import Robot
 
-_NO_LEVER = 1e-12
-"""Levers below this [m], or below this share of the longest, are rounding errors: their load does not affect the joint."""
+_MAX_ROUNDING_OF_LEVER = 1e-12
+"""Levers up to this [m], or this share of the longest, are rounding errors: their load does not affect the joint."""
 _MAX_LISTED_NAMES = 12
 """Number of joints that a message names."""
 
@@ -45,16 +45,18 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
         ) from None
     is_floating = floating_entries(robot)
     effort[is_floating] = 0.0
-    v_index = {body.joint.name: body.v_index for body in robot.model.leaders}
+    v_indices = {body.joint.name: body.v_index for body in robot.model.leaders}
     for motor, actuator in robot.actuators.items():
         joint = actuator.joint
-        if motor != joint and joint in v_index:  # an elastic joint
-            effort[v_index[joint]] = min(effort[v_index[joint]], effort[v_index[motor]])
-    refused = ~(effort >= 0)  # negative or NaN
-    if refused.any():
-        k = int(np.argmax(refused))
+        if motor != joint and joint in v_indices:  # an elastic joint, whose motor has a coordinate of its own
+            k = v_indices[joint]
+            effort[k] = min(effort[k], effort[v_indices[motor]])
+    is_invalid = ~(effort >= 0)  # negative or NaN
+    if is_invalid.any():
+        first_invalid = int(np.flatnonzero(is_invalid)[0])
         raise ValueRangeError(
-            f"the limit of {names[k]!r} is {printed(effort[k])}. Give a torque or force of at least zero."
+            f"the limit of {names[first_invalid]!r} is {printed(effort[first_invalid])}. "
+            "Give a torque or force of at least zero."
         )
     driven_limits = effort[~is_floating]
     if limits is None and driven_limits.size and np.isinf(driven_limits).all():
@@ -70,46 +72,46 @@ def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, Ar
     """Torques that hold the robot at rest, (..., nv), against gravity, springs and wrenches on the robot.
 
     Torques of elastic transmissions are left out: at rest, their deflection balances the load. Motor positions in
-    ``q`` therefore have no effect; see :func:`effort_limits`.
+    ``q`` therefore have no effect.
     """
     require_robot(robot, "statics")
     tau = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
-    motors = {name for name, actuator in robot.actuators.items() if name != actuator.joint}
-    transmissions = [spring for spring in robot.model.springs if not motors.isdisjoint(dict(spring.terms))]
+    motors_of_elastic_joints = {name for name, actuator in robot.actuators.items() if name != actuator.joint}
+    transmissions = [s for s in robot.model.springs if not motors_of_elastic_joints.isdisjoint(dict(s.terms))]
     if not transmissions:
         return tau
     displacement = np.asarray(robot.subtract(q, robot.neutral))
     tau = tau.copy()
-    v_index = {body.joint.name: body.v_index for body in robot.model.leaders}
+    v_indices = {body.joint.name: body.v_index for body in robot.model.leaders}
     for spring in transmissions:
-        length = sum(weight * displacement[..., v_index[joint]] for joint, weight in spring.terms)
+        length = sum(weight * displacement[..., v_indices[joint]] for joint, weight in spring.terms)
         stretch = length - spring.rest
         for joint, weight in spring.terms:
-            tau[..., v_index[joint]] -= weight * spring.stiffness * stretch
+            tau[..., v_indices[joint]] -= weight * spring.stiffness * stretch
     return tau
 
 
 def floating_entries(robot: Robot) -> Array:
     """Mask (nv,), True for entries of τ that belong to floating joints."""
     is_floating = [not body.joint.driven for body in robot.model.leaders]
-    sizes = [body.joint.nv for body in robot.model.leaders]
-    return np.repeat(np.array(is_floating, bool), sizes)
+    velocity_counts = [body.joint.nv for body in robot.model.leaders]
+    return np.repeat(np.array(is_floating, bool), velocity_counts)
 
 
 def span(values: Array) -> str:
     """Text of the minimum and maximum of an array, and the number of NaN values."""
-    known = values[~np.isnan(values)]
-    text = f"{number(known.min())} to {number(known.max())}" if known.size else "none known"
-    unknown = values.size - known.size
-    if unknown:
-        text += f"; {unknown} unknown, as q is not a number there"
+    known_values = values[~np.isnan(values)]
+    text = f"{number(known_values.min())} to {number(known_values.max())}" if known_values.size else "none known"
+    unknown_count = values.size - known_values.size
+    if unknown_count:
+        text += f"; {unknown_count} unknown, as q is not a number there"
     return text
 
 
 def require_fixed_base(robot: Robot, what: str) -> None:
-    """Raise ValueRangeError if a robot has a floating base or no moving joints, since its torques cannot hold it.
+    """Raise ValueRangeError if a robot has no moving joints, or a floating base, which torques cannot hold.
 
-    The message begins with ``what``, the quantity asked for.
+    The message begins with ``what``, the requested quantity.
     """
     if robot.nv == 0:
         raise ValueRangeError(
@@ -133,9 +135,9 @@ class Growth:
     most: Array
     """(...): largest s, inf if the load does not act on any joint."""
     per_joint: Array
-    """(..., nv): largest s of each joint alone."""
+    """(..., nv): largest s by the limit of each joint alone."""
     joint: Array
-    """(...) of int: joint that bounds ``most``; -1 if none."""
+    """(...) of int: index of the joint that bounds ``most``; -1 if none."""
     side: Array
     """(...): +1 if the bound is the joint's upper limit, -1 if its lower limit, 0 if none."""
 
@@ -144,25 +146,26 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
     """Range of s with abs(start + s · step) ≤ limits, in closed form; (..., nv), (..., nv), (nv) → (...).
 
     For each joint, s lies between (-L - sign(a) τ₀) / abs(a) and (L - sign(a) τ₀) / abs(a), with a the step, τ₀ the
-    start and L the limit. A step of zero leaves τ₀: then every s stays within the limit, or none.
+    start and L the limit. With a step of zero, any s stays within the limit if τ₀ does, and otherwise none.
     """
     start, step = np.broadcast_arrays(start, step)
-    size = np.abs(step)
-    longest = size.max(axis=-1, initial=0.0, keepdims=True)
-    is_loaded = size > _NO_LEVER * np.maximum(1.0, longest)
-    divisor = np.where(is_loaded, size, 1.0)
+    step_size = np.abs(step)
+    max_step_size = step_size.max(axis=-1, initial=0.0, keepdims=True)
+    is_loaded = step_size > _MAX_ROUNDING_OF_LEVER * np.maximum(1.0, max_step_size)
+    divisor = np.where(is_loaded, step_size, 1.0)
     signed_start = np.sign(step) * start
     starts_within = np.abs(start) <= limits + margin(limits)
-    largest_s = np.where(is_loaded, (limits - signed_start) / divisor, np.where(starts_within, np.inf, -np.inf))
-    least_s = np.where(is_loaded, (-limits - signed_start) / divisor, np.where(starts_within, -np.inf, np.inf))
-    joint = np.argmin(largest_s, axis=-1)
-    most = np.take_along_axis(largest_s, joint[..., None], axis=-1)[..., 0]
-    side = np.take_along_axis(np.where(step > 0, 1, -1), joint[..., None], axis=-1)[..., 0]
+    s_if_unloaded = np.where(starts_within, np.inf, -np.inf)
+    largest_s = np.where(is_loaded, (limits - signed_start) / divisor, s_if_unloaded)
+    least_s = np.where(is_loaded, (-limits - signed_start) / divisor, -s_if_unloaded)
+    joint = np.argmin(largest_s, axis=-1)[..., None]
+    most = np.take_along_axis(largest_s, joint, axis=-1)[..., 0]
+    side = np.take_along_axis(np.where(step > 0, 1, -1), joint, axis=-1)[..., 0]
     is_unbounded = ~np.isfinite(most)
     return Growth(
         least=least_s.max(axis=-1),
         most=most,
         per_joint=largest_s,
-        joint=np.where(is_unbounded, -1, joint),
+        joint=np.where(is_unbounded, -1, joint[..., 0]),
         side=np.where(is_unbounded, 0, side),
     )

@@ -21,7 +21,13 @@ if TYPE_CHECKING:
     from ..robot.arguments import Kind
 
 RANK_TOLERANCE = 1e-9
-"""Singular values below this share of the largest count as zero: the pose is then singular."""
+"""Share of the largest singular value up to which a singular value counts as zero."""
+_BALANCE_TOLERANCE = 1e-9
+"""Largest unbalanced torque of balanced torques, as a share of given torques and gravity."""
+_ROUNDING = 1e-13
+"""Rounding error of a torque, as a share of given torques and gravity."""
+_MIN_ENTRY_SHARE = 1e-9
+"""Share of the largest entry up to which an entry of a combination is a rounding error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +71,8 @@ class TorqueWrench:
     @property
     def balanced(self) -> bool:
         """True if the wrench balances the torques to within 1e-9 of them."""
-        return bool(np.abs(self.unbalanced).max(initial=0.0) <= 1e-9 * self._torque_scale)
+        max_unbalanced = np.abs(self.unbalanced).max(initial=0.0)
+        return bool(max_unbalanced <= _BALANCE_TOLERANCE * self._torque_scale)
 
     @property
     def _torque_scale(self) -> float:
@@ -76,11 +83,11 @@ class TorqueWrench:
         return "\n".join(self._sentences())
 
     def _sentences(self) -> Iterator[str]:
-        """Sentences on the wrench, on what torques do not determine, and on what no wrench balances."""
+        """Sentences on the wrench, on wrenches and motions that torques do not determine, and on unbalanced torques."""
         least_lever = 1.0
         if self.rank:
             least_lever = self.singular_values[self.rank - 1]
-        rounding = 1e-13 * self._torque_scale / least_lever
+        rounding = _ROUNDING * self._torque_scale / least_lever  # of an entry of the wrench
         yield f"wrench at {self.frame} ({self.kind}): {_combination(self.wrench, WRENCH, 'none', rounding)}"
         n = len(self.joint_names)
         singular = ""
@@ -130,7 +137,7 @@ def wrench_from_torques(
     g = np.asarray(robot.holding_torques(q))  # includes springs of elastic joints
     J = np.asarray(robot.jacobian(q, frame, kind))
     rank, U, Vt, row_scale, column_scale = _equilibrate(J)
-    scale = np.array([length] * 3 + [1.0] * 3)  # J_w * length and J_v are both in m
+    scale = np.array([length] * 3 + [1.0] * 3)  # scale * J is in m in all rows
     idle = column_scale[:, None] * Vt[rank:].T
     borne = row_scale[:, None] * U[:, rank:]
     idle_basis, _ = np.linalg.qr(idle)
@@ -159,7 +166,7 @@ def wrench_from_torques(
 
 
 def _equilibrate(J: Array) -> tuple[int, Array, Array, Array, Array]:
-    """Rank of J (6, nv), U and V' of R J C by singular values, and the diagonals of R and C, which equilibrate J.
+    """Rank of J (6, nv), U and V' of the singular value decomposition of R J C, and the diagonals of R and C.
 
     R multiplies rotational rows by the longest lever of a revolute joint, so that ranks do not depend on the robot's size.
     C scales every joint to the same effect on the frame.
@@ -169,9 +176,9 @@ def _equilibrate(J: Array) -> tuple[int, Array, Array, Array, Array]:
     turns = rotation > 0
     longest_lever = np.max(translation[turns] / rotation[turns], initial=0.0) or 1.0
     row_scale = np.array([longest_lever] * 3 + [1.0] * 3)
-    effects = np.linalg.norm(row_scale[:, None] * J, axis=0)
+    effects = np.linalg.norm(row_scale[:, None] * J, axis=0)  # of the joints on the frame
     largest_effect = effects.max(initial=0.0)
-    has_effect = effects > RANK_TOLERANCE**1.5 * largest_effect
+    has_effect = effects > RANK_TOLERANCE**1.5 * largest_effect  # far below the rank tolerance: only rounding errors
     column_scale = 1.0 / np.where(has_effect, effects, largest_effect or 1.0)
     U, s, Vt = np.linalg.svd(row_scale[:, None] * J * column_scale)
     rank = int(np.sum(s > RANK_TOLERANCE * s.max(initial=0.0)))
@@ -182,8 +189,11 @@ def _sparse_basis(B: Array) -> Array:
     """Sparse basis (n, k) of the space of the columns B (n, k) by elimination; the largest entry of each column is 1."""
     rows = B.T.copy()
     for k in range(len(rows)):
-        row_after_k, column = divmod(int(np.argmax(np.abs(rows[k:]))), rows.shape[1])  # of the largest pivot
-        pivot_row = k + row_after_k
+        remaining_rows = np.abs(rows[k:])
+        row_after_k, column = np.unravel_index(
+            int(np.argmax(remaining_rows)), remaining_rows.shape
+        )  # of the largest pivot
+        pivot_row = k + int(row_after_k)
         rows[[k, pivot_row]] = rows[[pivot_row, k]]
         rows[k] /= rows[k, column]
         for other in range(len(rows)):
@@ -202,14 +212,14 @@ def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", lea
 
     ``nothing`` is the text if no entry remains.
     """
-    least = max(least, 1e-9 * float(np.abs(x).max(initial=0.0)))
+    max_left_out = max(least, _MIN_ENTRY_SHARE * float(np.abs(x).max(initial=0.0)))
     terms = []
     for entry, name in zip(x, names, strict=True):
         magnitude = abs(entry)
-        if not magnitude > least:
+        if not magnitude > max_left_out:
             continue
         sign = "-" if entry < 0 else "+"
-        factor = "" if abs(magnitude - 1) < 1e-9 else f"{number(magnitude)} "
+        factor = "" if abs(magnitude - 1) < 1e-9 else f"{number(magnitude)} "  # a factor of 1 is not written
         terms.append(f"{sign} {factor}{name}")
     if not terms:
         return nothing

@@ -19,19 +19,24 @@ MAX_EXPANDED_COORDINATES = 4
 """Maximum number of coordinates for which equations are expanded by default; equations of more coordinates are unreadable."""
 MAX_NAMED_LINES = 8_000
 """Maximum number of lines of named intermediate results."""
+_LINES_PER_COLUMN = 9
+"""Approximate number of lines of a column of a Jacobian or of its derivative."""
 
 
 def check_expanded(name: str, products: float, coordinates: int) -> None:
-    """Raise ValueRangeError beyond :data:`MAX_EXPANDED_PRODUCTS`."""
+    """Raise ValueRangeError if an expanded derivation of the robot ``name`` would exceed :data:`MAX_EXPANDED_PRODUCTS`.
+
+    ``products`` is the number of products of two terms in the kinetic energy; inf if it was not counted.
+    """
     if products * coordinates > MAX_EXPANDED_PRODUCTS:
-        count = f"more than {MAX_POSITION_TERMS:,} terms in a coordinate of a position, or {MAX_ROTATION_TERMS} in a rotation"
+        size = f"more than {MAX_POSITION_TERMS:,} terms in a coordinate of a position, or {MAX_ROTATION_TERMS} in a rotation"
         if products < float("inf"):
-            count = (
+            size = (
                 f"{int(products):,} products of terms in its kinetic energy, to be differentiated by {coordinates} "
                 f"coordinates; allowed are {MAX_EXPANDED_PRODUCTS // coordinates:,}"
             )
         raise ValueRangeError(
-            f"{name!r} is too large to write out: {count}. Leave {argument('form', 'expanded')} out and "
+            f"{name!r} is too large to write out: {size}. Leave {argument('form', 'expanded')} out and "
             "intermediate results get names; or "
             f"lock joints (robot.lock), or keep numbers instead of symbols, {argument('symbols', 'none')}."
         )
@@ -40,18 +45,18 @@ def check_expanded(name: str, products: float, coordinates: int) -> None:
 def named_lines(robot: Robot) -> int:
     """Approximate number of lines with named intermediate results: columns of Jacobians and their derivatives."""
     model = robot.model
-    columns_of_bodies: list[int] = []  # number of nonzero columns of each body's Jacobian
-    lines = 0
+    column_counts: list[int] = []  # number of nonzero columns of each body's Jacobian
+    line_count = 0
     for body in model.bodies:
-        columns = body.joint.nv
+        column_count = body.joint.nv
         if body.parent != BASE:
-            columns += columns_of_bodies[body.parent]
-        columns_of_bodies.append(columns)
-        derivatives = columns * (columns - 1) // 2  # of each column by the joints before it
-        lines += 9 * columns + 9 * derivatives
+            column_count += column_counts[body.parent]
+        column_counts.append(column_count)
+        derivative_count = column_count * (column_count - 1) // 2  # of each column by the joints before it
+        line_count += _LINES_PER_COLUMN * (column_count + derivative_count)
     n = model.nv
     mass_matrix_derivatives = n * n * (n + 1) // 4  # n derivatives of n (n + 1)/2 entries; about half of them are zero
-    return lines + mass_matrix_derivatives
+    return line_count + mass_matrix_derivatives
 
 
 def check_named(robot: Robot) -> None:

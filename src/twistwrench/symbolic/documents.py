@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Latex(Notation):
-    """LaTeX for amsmath."""
+    """Notation of LaTeX with the package amsmath; its methods return LaTeX of parts of a formula."""
 
     def symbol(self, name: str) -> str:
         stem, mark, index = name_parts(name)
@@ -39,8 +39,8 @@ class Latex(Notation):
 
     def function(self, name: str, argument: str, power: str = "") -> str:
         function = f"\\{name}^{{{power}}}" if power else f"\\{name}"
-        is_single_symbol = re.fullmatch(r"\\?\w+(_\{\w+\})?", argument)  # needs no parentheses
-        if is_single_symbol:
+        is_single_symbol = re.fullmatch(r"\\?\w+(_\{\w+\})?", argument)  # a letter or command, with an index or not
+        if is_single_symbol:  # needs no parentheses
             return f"{function}{{{argument}}}"
         return f"{function}({argument})"
 
@@ -65,7 +65,8 @@ class Latex(Notation):
         return sign
 
     def matrix(self, rows: list[list[str]]) -> str:
-        return "\\begin{bmatrix} " + " \\\\ ".join(map(" & ".join, rows)) + " \\end{bmatrix}"
+        row_texts = [" & ".join(row) for row in rows]
+        return "\\begin{bmatrix} " + " \\\\ ".join(row_texts) + " \\end{bmatrix}"
 
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
         derivative = f"\\frac{{\\partial {top}}}{{\\partial {variable}}}"
@@ -81,6 +82,7 @@ class Latex(Notation):
 _MARGIN = 4
 """Width in symbols of the equals sign, or of the indentation of a continuation line."""
 _AXES = "xyz"
+"""Suffixes of the entries of a column."""
 
 _HEADINGS = {
     "momenta": "Momenta ∂L/∂q̇",
@@ -103,7 +105,7 @@ def heading(step: Step) -> str:
 
 
 def sentence(remark: str) -> str:
-    """Remark with a full stop, and with a capital letter unless it begins with a symbol."""
+    """Remark with a full stop. It begins with a capital letter, unless its first word is a symbol."""
     first_word = remark.partition(" ")[0]
     if first_word.isalpha() and len(first_word) > 1:  # a single letter is a symbol
         remark = remark[:1].upper() + remark[1:]
@@ -128,17 +130,19 @@ def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Late
     body = "\n".join(parts)
     if not whole:
         return body + "\n"
-    symbol_rows = [f"${notation.symbol(name)}$ & {_latex_text(meaning)} \\\\" for name, meaning in legend(equations)]
-    table = ""
+    symbol_rows = []
+    for name, meaning in legend(equations):
+        symbol_rows.append(f"${notation.symbol(name)}$ & {_latex_text(meaning)} \\\\")
+    symbol_table = ""
     if symbol_rows:
-        table = "\n".join(["\\begin{tabular}{ll}", *symbol_rows, "\\end{tabular}", ""])
+        symbol_table = "\n".join(["\\begin{tabular}{ll}", *symbol_rows, "\\end{tabular}", ""])
     preamble = (
         "\\documentclass[a4paper]{article}\n\\usepackage{amsmath,amssymb}\n\\usepackage[margin=20mm]{geometry}\n"
         "\\allowdisplaybreaks\n\\setlength{\\parindent}{0pt}\n\\begin{document}\n"
     )
     title = f"\\section*{{Equations of motion of {_latex_text(equations.name)}}}\n"
     remarks = "".join(f"{_latex_text(text)}\n\n" for text in remarks_of(equations))
-    return f"{preamble}{title}{remarks}{table}{body}\n\\end{{document}}\n"
+    return f"{preamble}{title}{remarks}{symbol_table}{body}\n\\end{{document}}\n"
 
 
 def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: Notation) -> str:
@@ -147,7 +151,7 @@ def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: N
     parts = [title, *map(_markdown_text, remarks_of(equations))]
     symbol_rows = []
     for name, meaning in legend(equations):
-        cell = _markdown_text(meaning).replace("|", "\\|")
+        cell = _markdown_text(meaning).replace("|", "\\|")  # a bar would end the cell
         symbol_rows.append(f"| ${notation.symbol(name)}$ | {cell} |")
     if symbol_rows:
         parts.append("\n".join(["| symbol | meaning |", "|---|---|", *symbol_rows]))
@@ -159,31 +163,33 @@ def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: N
 
 
 def _markdown_text(text: str) -> str:
-    """Text in which Markdown does not see links and HTML elements."""
-    return visible(text).replace("](", "]\\(").replace("<", "&lt;")
+    """Text with links and HTML elements escaped for Markdown."""
+    without_links = visible(text).replace("](", "]\\(")
+    return without_links.replace("<", "&lt;")
 
 
 def legend(equations: Equations) -> list[tuple[str, str]]:
-    """Names of the symbols with their meanings and values."""
-    meanings = [
-        (parameter.name, f"{parameter.meaning}: {printed(parameter.value)}") for parameter in equations.parameters
-    ]
-    return [*equations.meanings, *meanings]
+    """Names of the symbols, each with its meaning and the value of a parameter."""
+    parameter_rows = [(p.name, f"{p.meaning}: {printed(p.value)}") for p in equations.parameters]
+    return [*equations.meanings, *parameter_rows]
 
 
 def _aligned_lines(step: Step, notation: Notation) -> list[str]:
-    """Aligned ``left &= right`` for each line; long sums take several lines, long columns one line per entry."""
+    """Aligned ``left &= right`` for each line; long sums take several lines, wide columns one line per entry."""
     width = _right_side_width(step.lines, notation)
     lines: list[Line] = []
     for line in step.lines:
         lines.extend(_split_column(line, width, notation))
-    width = min(width, _right_side_width(lines, notation))  # entries of columns have longer labels
+    # entries of columns have longer labels, which leave less for the right side
+    sum_width = min(width, _right_side_width(lines, notation))
     formulas = []
     for label, expr in lines:
-        right_sides = [notation.write(expr)]
-        if not hasattr(expr, "shape"):
-            right_sides = break_lines(right_sides[0], width, latex_symbols)
-        formulas.append(f"{label.write(notation)} &= " + " \\\\\n&\\quad ".join(right_sides))
+        right_side = notation.write(expr)
+        pieces = [right_side]
+        is_matrix = hasattr(expr, "shape")
+        if not is_matrix:
+            pieces = break_lines(right_side, sum_width, latex_symbols)
+        formulas.append(f"{label.write(notation)} &= " + " \\\\\n&\\quad ".join(pieces))
     return formulas
 
 
@@ -194,14 +200,18 @@ def _right_side_width(lines: Iterable[Line], notation: Notation) -> int:
 
 
 def _split_column(line: Line, width: int, notation: Notation) -> list[Line]:
-    """The line, or three lines such as p_2x, p_2y and p_2z if its right-hand side is a column that is too wide."""
+    """The line alone, or three lines such as p_2x, p_2y and p_2z if its right-hand side is a column that is too wide."""
     label, expr = line
-    if not hasattr(expr, "shape"):
+    is_column = hasattr(expr, "shape")
+    if not is_column:
         return [line]
     widest_entry = max(latex_symbols(notation.write(entry)) for entry in expr)
     if widest_entry + _MARGIN <= width:
         return [line]
-    return [(replace(label, name=f"{label.name}{axis}"), entry) for axis, entry in zip(_AXES, expr, strict=True)]
+    entry_lines: list[Line] = []
+    for axis, entry in zip(_AXES, expr, strict=True):
+        entry_lines.append((replace(label, name=f"{label.name}{axis}"), entry))
+    return entry_lines
 
 
 _LATEX_OF_CHARACTERS = {
@@ -210,11 +220,12 @@ _LATEX_OF_CHARACTERS = {
     "_": "\\_", "%": "\\%", "&": "\\&", "#": "\\#", "$": "\\$", "{": "\\{", "}": "\\}", "^": "\\^{}", "~": "\\~{}",
     "\\": "\\textbackslash{}",
 }  # fmt: skip
-# The longest come first: a letter with a combining dot is longer than the letter.
-_SPECIAL = re.compile("|".join(map(re.escape, sorted(_LATEX_OF_CHARACTERS, key=len, reverse=True))))
+# The longest come first, so that a letter with a combining dot is not found as the letter alone.
+_CHARACTERS_BY_LENGTH = sorted(_LATEX_OF_CHARACTERS, key=len, reverse=True)
+_SPECIAL_CHARACTER = re.compile("|".join(map(re.escape, _CHARACTERS_BY_LENGTH)))
 
 
 def _latex_text(text: str) -> str:
-    """Names and sentences in LaTeX, with adjacent formulas joined."""
-    latex = _SPECIAL.sub(lambda match: _LATEX_OF_CHARACTERS[match.group()], text)
-    return re.sub(r"(?<!\\)\$\$", "", latex)  # the end of a formula and the begin of the next one
+    """LaTeX of a name or sentence, with adjacent formulas joined."""
+    latex = _SPECIAL_CHARACTER.sub(lambda match: _LATEX_OF_CHARACTERS[match.group()], text)
+    return re.sub(r"(?<!\\)\$\$", "", latex)  # the end of a formula and the beginning of the next one

@@ -31,7 +31,7 @@ class JointPath:
     coordinates: Callable[[Array], tuple[Array, Array, Array]]
     """Function that returns q, dq/ds and d²q/ds² at s (m,), (m, n) each."""
     knots: Array = field(default_factory=lambda: np.array([0.0, 1.0]))
-    """Ends of pieces, including 0 and 1."""
+    """Values of s at the ends of smooth pieces, including 0 and 1."""
     third: Callable[[Array], Array] | None = None
     """Function that returns d³q/ds³ at s (m,), (m, n); None if unknown, so that jerk limits cannot be kept."""
     deviation: float = 0.0
@@ -54,15 +54,15 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
     """
     require_robot(robot, "joint_line")
     q0, q1 = configuration(robot, q0, "q0"), configuration(robot, q1, "q1")
-    way = robot.subtract(q1, q0)
+    displacement = robot.subtract(q1, q0)
     if robot.nv == 0:
         raise ValueRangeError(f"robot {robot.name!r} has no joint that moves, so there is no motion to plan.")
-    if not np.abs(way).max(initial=0.0) > 0:
+    if not np.abs(displacement).max(initial=0.0) > 0:
         raise ValueRangeError("q0 and q1 are the same configuration, so there is no motion to plan.")
 
     def line(s: Array) -> tuple[Array, Array, Array]:
         start = np.broadcast_to(q0, (*s.shape, robot.nq))
-        dq_ds = np.broadcast_to(way, (*s.shape, robot.nv))
+        dq_ds = np.broadcast_to(displacement, (*s.shape, robot.nv))
         return robot.add(start, s[..., None] * dq_ds), dq_ds.copy(), np.zeros(dq_ds.shape)
 
     return JointPath("joint line", line, third=lambda s: np.zeros((*s.shape, robot.nv)))
@@ -100,10 +100,10 @@ def spline(
     if len(points) < 2:
         raise ShapeError(f"waypoints has shape {points.shape}: a path takes at least two.")
     one_degree_joints(robot, "a spline")
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # infinite distances are rejected below
         distances = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if (distances == 0).any() and times is None:
-        k = int((distances == 0).argmax())
+        k = int(np.flatnonzero(distances == 0)[0])
         raise ValueRangeError(f"waypoints {k} and {k + 1} are the same place. Leave one of them out.")
     if arguments.number(degree, "degree") not in (3, 5):
         raise ValueRangeError(f"degree is {degree!r}: choose 3 or 5.")
@@ -115,10 +115,11 @@ def spline(
         with np.errstate(invalid="ignore"):
             knots = np.concatenate([[0.0], np.cumsum(distances)]) / distances.sum()
         knots[-1] = 1.0  # without rounding
-        if not (np.diff(knots) > 0).all():  # also where a distance is infinite
-            k, apart, length = int(distances.argmin()), float(distances.min()), float(distances.sum())
+        if not (np.diff(knots) > 0).all():  # also if a distance is infinite
+            k = int(distances.argmin())
+            distance, length = float(distances[k]), float(distances.sum())
             raise ValueRangeError(
-                f"waypoints {k} and {k + 1} are {printed(apart)} apart on a path of length {printed(length)}, too close for "
+                f"waypoints {k} and {k + 1} are {printed(distance)} apart on a path of length {printed(length)}, too close for "
                 "its digits. Give waypoints within the robot's range, and leave one of the two out."
             )
         curve: Any = CubicSpline(knots, points) if degree == 3 else make_interp_spline(knots, points, k=5)
@@ -126,28 +127,28 @@ def spline(
         instants = np.asarray(arguments.finite(times, "times"), float)
         if instants.shape != (len(points),):
             raise ShapeError(f"times has shape {instants.shape}: give {len(points)}, one for each waypoint [s].")
-        not_rising = np.diff(instants) <= 0
-        if not_rising.any():
-            k = int(not_rising.argmax())
+        does_not_rise = np.diff(instants) <= 0
+        if does_not_rise.any():
+            k = int(np.flatnonzero(does_not_rise)[0])
             raise ValueRangeError(
                 f"times has {printed(instants[k + 1])} after {printed(instants[k])}, at waypoint {k + 1}: give rising times "
                 "[s], waypoints in that order."
             )
-        T = instants[-1] - instants[0]
+        T = instants[-1] - instants[0]  # duration [s]
         knots = (instants - instants[0]) / T
-        knots[-1] = 1.0
+        knots[-1] = 1.0  # without rounding
         if velocities is None:
             curve = CubicSpline(knots, points, bc_type="clamped")
         else:
             rates = arguments.finite(velocities, "velocities", robot.nv, names=robot.model.velocity_names)
             rates = arguments.one(rates, "velocities", len(points), robot.nv)
             curve = CubicHermiteSpline(knots, points, rates * T)  # dq/ds = dq/dt T
-    first, second = curve.derivative(1), curve.derivative(2)
-    return JointPath("spline", lambda s: (curve(s), first(s), second(s)), knots, curve.derivative(3))
+    dq_ds, d2q_ds2 = curve.derivative(1), curve.derivative(2)
+    return JointPath("spline", lambda s: (curve(s), dq_ds(s), d2q_ds2(s)), knots, curve.derivative(3))
 
 
 def require_path(path: Any, what: str) -> JointPath:
-    """Check that ``path`` is a joint path. Raises ValueRangeError."""
+    """Return ``path``. Raises ValueRangeError unless it is a joint path; the message begins with ``what``."""
     if not isinstance(path, JointPath):
         raise ValueRangeError(
             f"{what}: the path is {arguments.value_text(path)}: give a path of the joints, as "
@@ -157,7 +158,7 @@ def require_path(path: Any, what: str) -> JointPath:
 
 
 def one_degree_joints(robot: Robot, what: str) -> None:
-    """Raise ValueRangeError if a joint has several degrees of freedom, naming it, or if the robot has no joints."""
+    """Raise ValueRangeError if a joint has several degrees of freedom, or if the robot has no moving joints."""
     if not robot.nv:
         raise ValueRangeError(f"{what} needs a robot with moving joints, but {robot.name!r} has none.")
     multi_dof_joints = [body.joint.name for body in robot.model.leaders if body.joint.nv != 1]
@@ -169,7 +170,7 @@ def one_degree_joints(robot: Robot, what: str) -> None:
 
 
 def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
-    """Check that q (m, nq) is finite and has two axes."""
+    """Configurations q (m, nq) as floats. Raises an error that names them ``name`` for other shapes and infinite numbers."""
     array = np.asarray(arguments.finite(q, name, robot.nq, names=robot.coordinate_names), float)
     if array.ndim != 2:
         raise ShapeError(f"{name} has shape {array.shape[1:] or array.shape}, expected ({robot.nq},) each.")
@@ -179,19 +180,25 @@ def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
 # ── Joint paths from pose paths, by inverse kinematics on one branch
 
 _FIRST_INTERVALS = 64
+"""Number of intervals between solved points in the first attempt."""
 _MAX_INTERVALS = 4096
-"""Numbers of intervals between solved points: of the first attempt, and of the last."""
+"""Largest number of intervals between solved points."""
 _MAX_INTERVALS_AFTER_FAILURE = 1024
-"""Number of intervals from which on a path that ends early is not refined."""
+"""Number of intervals from which a path that ends early is not refined."""
+_MAX_START_ERROR = 1e-6
+"""Largest pose error of q0 at the beginning of the path [m, rad]."""
 _MIN_PARTIAL_POINTS = 8
 """Smallest number of solved points for a partial path, whose spline has degree 5."""
 _MAX_POSE_ERROR = 1e-11
 """Largest entry of the pose error at a solved point [m, rad]."""
 _ALL_ROWS = tuple(range(6))
+"""Rows of a pose error: rotation and position."""
 _MAX_NEWTON_STEPS = 12
-"""Newton steps of the fallback, used to find the reason if compiled inverse kinematics does not converge near by."""
+"""Newton steps of the fallback, used to find the reason if compiled inverse kinematics finds no near solution."""
 _MAX_JUMP = 0.5
-"""rad or m: largest joint displacement between adjacent points at the smallest spacing."""
+"""Largest joint displacement between adjacent points [rad or m]."""
+_MIN_SINGULAR_VALUE_RATIO = 0.02
+"""Ratio of the smallest to the largest singular value of J below which the arm is at a singular configuration."""
 
 
 def follow_poses(
@@ -236,8 +243,8 @@ def follow_poses(
             f"tolerance is {printed(max_deviation)}: give how far the frame may be off [m, rad], 1e-10 or more."
         )
     poses_at = _checked_poses_function(poses)
-    gap = twist_left(robot.forward_kinematics(q0, frame)[None], poses_at(np.zeros(1)), _ALL_ROWS)[0]
-    if np.abs(gap).max() > 1e-6:
+    (gap,) = twist_left(robot.forward_kinematics(q0, frame)[None], poses_at(np.zeros(1)), _ALL_ROWS)
+    if np.abs(gap).max() > _MAX_START_ERROR:
         distance, angle = np.linalg.norm(gap[3:]), np.linalg.norm(gap[:3])
         raise ValueRangeError(
             f"at q0 the frame is {printed(distance, 3)} m and {printed(angle, 3)} rad "
@@ -247,22 +254,23 @@ def follow_poses(
     n = _FIRST_INTERVALS
     while True:
         s = np.linspace(0.0, 1.0, n + 1)
-        q, why = _solve_poses(robot, poses_at(s), q0, frame)
-        arrived = len(q) == len(s)
-        if not arrived and n < _MAX_INTERVALS_AFTER_FAILURE and "limit" not in why:
-            n *= 4  # a smaller spacing may succeed
+        q, failure = _solve_poses(robot, poses_at(s), q0, frame)
+        is_complete = len(q) == len(s)
+        if not is_complete and n < _MAX_INTERVALS_AFTER_FAILURE and "limit" not in failure:
+            n *= 4  # a smaller spacing may succeed, except at a limit of a joint
             continue
         s = s[: len(q)]
-        if not arrived and len(q) < _MIN_PARTIAL_POINTS:
-            raise PathError(f"the path of poses ends at s = {printed(s[-1], 4)}: {why}.", reached=float(s[-1]))
+        if not is_complete and len(q) < _MIN_PARTIAL_POINTS:
+            raise PathError(f"the path of poses ends at s = {printed(s[-1], 4)}: {failure}.", reached=float(s[-1]))
         path = _spline(s / s[-1], q, 0.0)
-        middle = 0.5 * (s[1:] + s[:-1])
-        errors = twist_left(robot.forward_kinematics(path(middle / s[-1])[0], frame), poses_at(middle), _ALL_ROWS)
+        middles = 0.5 * (s[1:] + s[:-1])
+        q_at_middles, _, _ = path(middles / s[-1])
+        errors = twist_left(robot.forward_kinematics(q_at_middles, frame), poses_at(middles), _ALL_ROWS)
         distances, angles = np.linalg.norm(errors[:, 3:], axis=1), np.linalg.norm(errors[:, :3], axis=1)
         deviation = float(max(distances.max(), angles.max()))
-        if not arrived and (deviation <= max_deviation or n >= _MAX_INTERVALS_AFTER_FAILURE):
+        if not is_complete and (deviation <= max_deviation or n >= _MAX_INTERVALS_AFTER_FAILURE):
             raise PathError(
-                f"the path of poses ends at s = {printed(s[-1], 4)}: {why}.",
+                f"the path of poses ends at s = {printed(s[-1], 4)}: {failure}.",
                 reached=float(s[-1]),
                 partial=_spline(s / s[-1], q, deviation),
             )
@@ -272,17 +280,17 @@ def follow_poses(
         if n > _MAX_INTERVALS:
             k = int(np.linalg.norm(errors, axis=1).argmax())
             raise PathError(
-                f"between {n // 2} places the frame is still {printed(deviation, 3)} off at s = {printed(middle[k], 4)}: "
+                f"between {n // 2} places the frame is still {printed(deviation, 3)} off at s = {printed(middles[k], 4)}: "
                 "the path bends there, or the arm is near a singular configuration. Round the path off, or allow more with "
                 "tolerance=.",
-                reached=float(middle[k]),
+                reached=float(middles[k]),
                 partial=_spline(s, q, deviation),
             )
 
 
 def _checked_poses_function(poses: Any) -> Callable[[Array], Array]:
-    """Wrap the function with a check that it returns poses (m, 4, 4)."""
-    what = "the function of poses"
+    """The function, with a check that it returns poses (m, 4, 4). Raises ValueRangeError for another object."""
+    name_in_messages = "the function of poses"
     if not callable(poses):
         raise ValueRangeError(
             f"poses is {type(poses).__name__}: give a function of s (m,) to (m, 4, 4), as straight_path does."
@@ -293,65 +301,72 @@ def _checked_poses_function(poses: Any) -> Callable[[Array], Array]:
             returned = poses(s)
         except Exception as problem:
             raise ValueRangeError(
-                f"{what} failed with {type(problem).__name__}: {problem}. It is called with s (m,)."
+                f"{name_in_messages} failed with {type(problem).__name__}: {problem}. It is called with s (m,)."
             ) from problem
-        T = arguments.finite(returned, what, 4, 4)
+        T = arguments.finite(returned, name_in_messages, 4, 4)
         if T.shape != (len(s), 4, 4):
-            raise ShapeError(f"{what} gave shape {T.shape} for s of shape {s.shape}, expected {(len(s), 4, 4)}.")
-        return np.asarray(arguments.pose(T, what), float)
+            raise ShapeError(
+                f"{name_in_messages} gave shape {T.shape} for s of shape {s.shape}, expected {(len(s), 4, 4)}."
+            )
+        return np.asarray(arguments.pose(T, name_in_messages), float)
 
     return checked_poses
 
 
 def _spline(s: Array, q: Array, deviation: float) -> JointPath:
-    """Path of degree 5 through q (m, n) at s (m,)."""
+    """Path of degree 5 through q (m, n) at s (m,), which has this deviation from the path of poses."""
     from scipy.interpolate import make_interp_spline
 
     curve = make_interp_spline(s, q, k=5)
-    first, second = curve.derivative(1), curve.derivative(2)
+    dq_ds, d2q_ds2 = curve.derivative(1), curve.derivative(2)
     return JointPath(
-        "path of poses", lambda s: (curve(s), first(s), second(s)), third=curve.derivative(3), deviation=deviation
+        "path of poses", lambda s: (curve(s), dq_ds(s), d2q_ds2(s)), third=curve.derivative(3), deviation=deviation
     )
 
 
 def _solve_poses(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple[Array, str]:
-    """Configurations q at each point up to the first failure, and the reason of the failure; empty if there is none."""
-    solved = [q0]
+    """Configurations q at the targets (m, 4, 4) up to the first failure, and its reason; an empty text if all are solved."""
+    solutions = [q0]
     limits = robot.limits
-    if limits.exceeded(q0).any():
-        k = int(limits.exceeded(q0).argmax())
+    is_beyond = limits.exceeded(q0)
+    if is_beyond.any():
+        k = int(np.flatnonzero(is_beyond)[0])
         lower, upper = printed(limits.lower[k], 4), printed(limits.upper[k], 4)
-        why = f"it begins with {robot.joint_names[k]} at {printed(q0[k], 4)}, outside its limits {lower} to {upper}"
-        return np.array(solved), why
+        reason = f"it begins with {robot.joint_names[k]} at {printed(q0[k], 4)}, outside its limits {lower} to {upper}"
+        return np.array(solutions), reason
     solve_near = pose_finder(robot, frame, _MAX_POSE_ERROR)
     for target in targets[1:]:
-        last = solved[-1]
-        guess = last.copy()
-        if robot.nv <= 6 and len(solved) > 1:
-            guess = 2.0 * last - solved[-2]  # extrapolated; redundant joints would drift
+        last_q = solutions[-1]
+        guess = last_q.copy()
+        if robot.nv <= 6 and len(solutions) > 1:
+            guess = 2.0 * last_q - solutions[-2]  # extrapolated; redundant joints would drift
         solution = solve_near(target, guess)
-        if solution is None or np.abs(solution - last).max() > _MAX_JUMP:
-            solution, why = _newton(robot, target, guess, last, frame)
-            if why:
-                return np.array(solved), why
-        solved.append(solution)
-    return np.array(solved), ""
+        if solution is None or np.abs(solution - last_q).max() > _MAX_JUMP:
+            solution, reason = _newton(robot, target, guess, last_q, frame)
+            if reason:
+                return np.array(solutions), reason
+        solutions.append(solution)
+    return np.array(solutions), ""
 
 
-def _newton(robot: Robot, target: Array, q: Array, last: Array, frame: str | None) -> tuple[Array, str]:
-    """Configuration near q with the target pose, and the reason if the path cannot go on from ``last`` to it."""
+def _newton(robot: Robot, target: Array, q: Array, last_q: Array, frame: str | None) -> tuple[Array, str]:
+    """Configuration near q with the target pose, and the reason why the path cannot go there from ``last_q``.
+
+    The reason is an empty text if the path can.
+    """
     names, limits = robot.joint_names, robot.limits
     for _ in range(_MAX_NEWTON_STEPS):
-        e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], _ALL_ROWS)[0]
+        (e,) = twist_left(robot.forward_kinematics(q, frame)[None], target[None], _ALL_ROWS)
         if np.abs(e).max() <= _MAX_POSE_ERROR:
             break
         q = q + np.linalg.pinv(robot.jacobian(q, frame), rcond=1e-9) @ e
     else:  # not converged; close enough if rounding alone stopped it
         if np.abs(e).max() > 1e3 * _MAX_POSE_ERROR:
-            return q, _reason_without_solution(robot.jacobian(last, frame))
-    beyond, displacement = limits.exceeded(q), np.abs(q - last)
-    if beyond.any():
-        k = int(beyond.argmax())
+            return q, _reason_without_solution(robot.jacobian(last_q, frame))
+    is_beyond = limits.exceeded(q)
+    displacement = np.abs(q - last_q)
+    if is_beyond.any():
+        k = int(np.flatnonzero(is_beyond)[0])
         limit = limits.lower[k] if q[k] < limits.lower[k] else limits.upper[k]
         return q, f"{names[k]} reaches its limit {printed(limit, 4)}"
     if displacement.max() > _MAX_JUMP:
@@ -361,10 +376,10 @@ def _newton(robot: Robot, target: Array, q: Array, last: Array, frame: str | Non
 
 
 def _reason_without_solution(J: Array) -> str:
-    """Reason why no configuration has the next pose, from the Jacobian at the last one."""
+    """Reason why no configuration has the next pose, from the Jacobian at the last configuration."""
     singular_values = np.linalg.svd(J, compute_uv=False)
     smallest = float(singular_values[5]) if len(singular_values) >= 6 else 0.0  # fewer than six joints: always singular
-    if smallest >= 0.02 * float(singular_values[0]):
+    if smallest >= _MIN_SINGULAR_VALUE_RATIO * float(singular_values[0]):
         return "the next pose is out of reach on this branch"
     return (
         "the arm is at a singular configuration there, stretched out or folded, and finds no way on (smallest "

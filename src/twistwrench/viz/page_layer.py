@@ -19,14 +19,14 @@ from ..statics.contacts import contact_maps
 from .colours import COLOURS as MARKS
 from .colours import SEQUENTIAL
 
-_MILLI = 1e3
+_MM_PER_M = 1e3
 """Millimetres in a metre."""
 _ERROR_SCALE = 100
 """Ratio of an arrow's length to the error that it shows."""
 _MAX_FORCE_LENGTH = 0.35
 """Length of the largest contact force, as a share of the robot's size."""
 Put = Callable[[Any, str], dict[str, Any]]
-"""Function that stores an array of a kind and returns its header entry."""
+"""Function that stores an array in a format, such as "f4", and returns its entry in the header of the page's data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +37,15 @@ class ArrowGroup:
     points: Array
     """Starting points of the arrows, (c, 3), or (n, c, 3) along a motion [m]."""
     along: Array
-    """Vectors of the arrows, of the same shape; drawn at this length unless the layer sets ``longest``."""
+    """Vectors of the arrows, with the shape of ``points``; drawn at this length [m] unless the layer sets ``longest``."""
     colour: tuple[float, float, float]
+    """Red, green and blue, from 0 to 1."""
     shares: Array | None = None
     """Share (n, c) of the friction cone or of the largest push; from 80 % on it sets the colour. None without limits."""
 
     def data(self, put: Put, scale: float) -> dict[str, Any]:
         """Header entry, with arrows whose length is multiplied by ``scale``."""
-        data = {
+        entry = {
             "name": self.name,
             "colour": self.colour,
             "count": self.points.shape[-2],
@@ -53,8 +54,8 @@ class ArrowGroup:
             "shares": None,
         }
         if self.shares is not None:
-            data["shares"] = put(self.shares, "f4")
-        return data
+            entry["shares"] = put(self.shares, "f4")
+        return entry
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +63,19 @@ class ColouredPoints:
     """Points coloured by a quantity, in equal steps from its smallest to its largest value."""
 
     name: str
+    """Name of the quantity."""
     unit: str
     points: Array
-    """(n, 3) [m]."""
+    """Positions (n, 3) [m]."""
     values: Array
-    """(n,) in the unit."""
+    """Value of the quantity at each point, (n,) in the unit."""
 
     def data(self, put: Put) -> dict[str, Any]:
-        """Header entry."""
+        """Header entry: title with the range of values, points, number of each point's colour, and colours."""
         min_value = float(self.values.min())
         max_value = float(self.values.max())
-        inner_edges = np.linspace(min_value, max_value, len(SEQUENTIAL) + 1)[1:-1]
+        edges = np.linspace(min_value, max_value, len(SEQUENTIAL) + 1)  # of the steps
+        inner_edges = edges[1:-1]
         return {
             "name": f"{self.name}, {number(min_value, 2)} to {number(max_value, 2)} {self.unit}",
             "points": put(self.points, "f4"),
@@ -99,17 +102,20 @@ class PageLayer:
 
     def data(self, put: Put, size: float) -> dict[str, Any]:
         """Header entry for a robot of a size [m]."""
-        lengths = [float(np.linalg.norm(group.along, axis=-1).max(initial=0.0)) for group in self.groups]
-        max_length = max(lengths, default=0.0)
+        max_length = 0.0
+        for group in self.groups:
+            lengths = np.linalg.norm(group.along, axis=-1)
+            max_length = max(max_length, float(lengths.max(initial=0.0)))
         scale = 1.0
         if self.longest and max_length:
             scale = self.longest * size / max_length
-        data: dict[str, Any] = {"label": self.label, "told": self.told, "time": None, "workspace": None}
+        entry: dict[str, Any] = {"label": self.label, "told": self.told, "time": None, "workspace": None}
         if self.time is not None:
-            data["time"] = put(self.time, "f8")
+            entry["time"] = put(self.time, "f8")
         if self.workspace is not None:
-            data["workspace"] = self.workspace.data(put)
-        return {**data, "groups": [group.data(put, scale) for group in self.groups]}
+            entry["workspace"] = self.workspace.data(put)
+        entry["groups"] = [group.data(put, scale) for group in self.groups]
+        return entry
 
 
 def calibration_layer(found: CalibratedRobot) -> PageLayer:
@@ -117,46 +123,52 @@ def calibration_layer(found: CalibratedRobot) -> PageLayer:
 
     Readings other than poses and positions have no arrows.
     """
-    points, before, after = found.error_vectors
-    verdict = next(iter(found.blocks()))
-    told = f"{plain(verdict)}\n"
+    points, errors_before, errors_after = found.error_vectors
+    verdict = next(iter(found.blocks()))  # the first block
+    explanation = f"{plain(verdict)}\n"
     groups: tuple[ArrowGroup, ...] = ()
     if len(points):
-        told += f"Arrows: errors at {len(points)} measured points, {_ERROR_SCALE} times enlarged. "
+        explanation += f"Arrows: errors at {len(points)} measured points, {_ERROR_SCALE} times enlarged. "
         groups = (
-            ArrowGroup("with the file", points, _ERROR_SCALE * before, COLOURS[Style.QUIET].scene),
-            ArrowGroup("calibrated", points, _ERROR_SCALE * after, COLOURS[Style.POINTED].scene),
+            ArrowGroup("with the file", points, _ERROR_SCALE * errors_before, COLOURS[Style.QUIET].scene),
+            ArrowGroup("calibrated", points, _ERROR_SCALE * errors_after, COLOURS[Style.POINTED].scene),
         )
-    told += f"Dots: error predicted for the tip at {len(found.reference)} configurations."
-    tips = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)[:, :3, 3]
-    workspace = ColouredPoints("predicted error", "mm", tips, _MILLI * found.remaining_at(found.reference))
-    return PageLayer("Errors", told, groups, workspace=workspace)
+    explanation += f"Dots: error predicted for the tip at {len(found.reference)} configurations."
+    tip_poses = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)
+    tip_positions = tip_poses[:, :3, 3]
+    predicted_error = _MM_PER_M * found.remaining_at(found.reference)
+    workspace = ColouredPoints("predicted error", "mm", tip_positions, predicted_error)
+    return PageLayer("Errors", explanation, groups, workspace=workspace)
 
 
 def contact_layer(found: GroundSupport, time: Array) -> PageLayer:
     """Contact forces of a robot on the ground at the times of a page's motion."""
-    rows = _nearest(found.time, time)
+    rows = _nearest_rows(found.time, time)
     _, points = contact_maps(found.robot, found.states.q[rows], found.contacts)
-    forces = np.nan_to_num(found.balanced_forces[rows])
-    group = ArrowGroup("contact force", points, forces, MARKS["wrench"], _shares(found, rows, forces))
+    forces = np.nan_to_num(found.balanced_forces[rows])  # zero where no forces balance the robot
+    group = ArrowGroup("contact force", points, forces, MARKS["wrench"], _force_shares(found, rows, forces))
     return PageLayer("Contact forces", f"{ground_words(found)}.", (group,), longest=_MAX_FORCE_LENGTH, time=time)
 
 
-def _nearest(known: Array, time: Array) -> Array:
-    """Rows of the known times (k,) that are nearest to times (n,)."""
-    after = np.searchsorted(known, time).clip(max=len(known) - 1)
+def _nearest_rows(row_times: Array, time: Array) -> Array:
+    """Rows (n,) whose times, of ``row_times`` (k,) in order, are nearest to ``time`` (n,)."""
+    after = np.searchsorted(row_times, time).clip(max=len(row_times) - 1)
     before = np.maximum(after - 1, 0)
-    return np.where(time - known[before] < known[after] - time, before, after)
+    return np.where(time - row_times[before] < row_times[after] - time, before, after)
 
 
-def _shares(found: GroundSupport, rows: Array, forces: Array) -> Array:
-    """Larger one of two shares (n, c): of the friction cone, and of the largest push; at most 1 where the contacts hold."""
+def _force_shares(found: GroundSupport, rows: Array, forces: Array) -> Array:
+    """Share (n, c) of a force in its limits: of the friction cone or of the largest push, whichever is larger.
+
+    It is at most 1 in rows in which the contacts hold.
+    """
     shares = []
-    for contact, force in zip(found.contacts, np.moveaxis(forces, 1, 0), strict=True):
-        normal = force @ contact.normal
-        tangential = np.linalg.norm(force - normal[:, None] * contact.normal, axis=1)
-        max_tangential = contact.friction * np.maximum(normal + contact.pull, 0.0)
-        share_of_cone = np.divide(tangential, max_tangential, out=np.zeros_like(tangential), where=max_tangential > 0.0)
-        shares.append(np.maximum(share_of_cone, normal / contact.push))
-    max_share = np.where(found.holds[rows], 1.0, np.inf)  # rounding of the solver is cut off
+    for contact, force in zip(found.contacts, np.moveaxis(forces, 1, 0), strict=True):  # force: (n, 3)
+        normal_force = force @ contact.normal
+        tangential_force = np.linalg.norm(force - normal_force[:, None] * contact.normal, axis=1)
+        max_tangential = contact.friction * np.maximum(normal_force + contact.pull, 0.0)
+        share_of_cone = np.zeros_like(tangential_force)  # stays zero where no tangential force is possible
+        np.divide(tangential_force, max_tangential, out=share_of_cone, where=max_tangential > 0.0)
+        shares.append(np.maximum(share_of_cone, normal_force / contact.push))
+    max_share = np.where(found.holds[rows], 1.0, np.inf)  # rounding errors of the solver are cut off
     return np.minimum(np.stack(shares, axis=1), max_share[:, None])

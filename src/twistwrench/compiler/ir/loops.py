@@ -13,8 +13,8 @@ from functools import cached_property
 
 from .program import Program, TensorSpec, gufunc_signature, signature_of
 
-STEPS, KEPT = "k", "m"
-"""Names of the two sizes in the signature: number of steps, and number of stored rows."""
+STEPS, STORED_ROWS = "k", "m"
+"""Names of two sizes in the signature: number of steps, and number of stored rows."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Source:
     """
 
     kind: str
-    state: int = 0
+    state: int = 0  # number of a result; 0 for kinds without one
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,15 @@ class Scan:
 
     program: Program
     sources: tuple[Source, ...]
-    visible: int
-    hidden: int = 0
+    """Source of each input."""
+    visible: int  # number of states
+    hidden: int = 0  # number of states
     table: tuple[tuple[float, ...], ...] = ((),)
     """Rows by stage; the program is evaluated once per row."""
 
     @property
     def states(self) -> tuple[TensorSpec, ...]:
-        """Results that are fed back, hidden ones last."""
+        """Results that are fed back: visible states, then hidden ones."""
         return self.program.outputs[: self.visible + self.hidden]
 
     @property
@@ -61,13 +62,13 @@ class Scan:
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
-        """Inputs of the kernel for one step: states, then those given for each step."""
-        given = [self.program.inputs[k] for k in self.given]
-        return (*self.program.outputs[: self.visible], *given)
+        """Inputs of the kernel for one step: visible states, then arrays that the caller gives for each step."""
+        given_inputs = [self.program.inputs[k] for k in self.given]
+        return (*self.program.outputs[: self.visible], *given_inputs)
 
     @property
     def outputs(self) -> tuple[TensorSpec, ...]:
-        """One row of the kernel's results: states, then reports of steps."""
+        """One row of the kernel's results: visible states, then reports of steps."""
         return self.program.outputs[: self.visible] + self.program.outputs[self.visible + self.hidden :]
 
     @cached_property
@@ -77,13 +78,13 @@ class Scan:
         for k, port in enumerate(self.inputs):
             is_given_each_step = k >= self.visible
             inputs.append((STEPS, *port.shape) if is_given_each_step else port.shape)
-        return gufunc_signature(inputs, [(KEPT, *port.shape) for port in self.outputs])
+        return gufunc_signature(inputs, [(STORED_ROWS, *port.shape) for port in self.outputs])
 
 
 # A search evaluates a program repeatedly until the program reports success. An attempt begins at a start configuration. It ends
 # when the program stops it, or after the number of steps in the settings. The next attempt begins at the nearest unused start.
-# The result is that of the first successful attempt; without success, it is that with the smallest error. It depends neither
-# on other samples nor on the number of parallel attempts.
+# The first successful attempt gives the result; without success, the attempt with the smallest error does. The result depends
+# neither on other samples nor on the number of parallel attempts.
 
 PLACES = 64
 """Number of start configurations in the table; the caller gives the start of the first attempt separately."""
@@ -95,7 +96,7 @@ tolerance for the program."""
 
 @dataclass(frozen=True)
 class Search:
-    """Program with the inputs x, x of the step's beginning, memory, and the target with tolerances.
+    """Program with four inputs: x, x at the beginning of the step, memory, and the target with tolerances.
 
     Its results are the next x and the next memory. The memory contains the best x so far, a report on it, the number of steps
     without progress, and a flag to continue. The report begins with a status (1: found, -1: invalid target) and the error.
@@ -125,7 +126,7 @@ class Search:
 
     @property
     def settings(self) -> TensorSpec:
-        """Maximum steps, attempts, tolerances and weights."""
+        """Maximum numbers of steps and attempts, tolerances, and weights of the entries ``near``."""
         tolerance_count = (
             self.program.inputs[-1].size - self.target.size
         )  # tolerances follow the target in the last input
@@ -133,7 +134,7 @@ class Search:
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
-        """Inputs of the kernel: target, first start, settings, table of starts, and the target entries reached at these."""
+        """Inputs of the kernel: target, first start, settings, table of starts, and the entries ``near`` of their targets."""
         start = TensorSpec("start", (self.x.size,))
         starts = TensorSpec("places", (PLACES, self.x.size))
         reached = TensorSpec("reached", (len(self.near), PLACES))
@@ -158,16 +159,16 @@ class Search:
 
 @dataclass(frozen=True)
 class ColumnGroup:
-    """Columns solved by one program: its inputs are the shared results and a column, its result is the solution."""
+    """Columns solved by one program, whose inputs are the shared results and a column. Its result is the solution."""
 
     program: Program
     places: tuple[tuple[int, int], ...]
-    """Columns of the group: number of the result that is the matrix, and number of the column."""
+    """For each column of the group, number of the result that is its matrix, and number of the column in the matrix."""
 
 
 @dataclass(frozen=True)
 class ColumnSolve:
-    """Program, and programs for the solutions of columns of its results."""
+    """Program whose results are matrices, and groups of their columns with programs for the solutions."""
 
     program: Program
     shared: int
@@ -206,13 +207,14 @@ class ColumnSolve:
         """Rows that may be nonzero before or after the solve, in any column of a group."""
         rows = []
         for row, is_zero_after in enumerate(group.program.zeros):
-            are_zero_before = [self.program.zeros[self.entry(matrix, row, column)] for matrix, column in group.places]
-            if not (is_zero_after and all(are_zero_before)):
+            entries_before = [self.entry(matrix, row, column) for matrix, column in group.places]
+            is_zero_before = all(self.program.zeros[entry] for entry in entries_before)
+            if not (is_zero_before and is_zero_after):
                 rows.append(row)
         return rows
 
     def stored_entries(self, group: ColumnGroup) -> dict[int, list[int]]:
-        """Stored rows by number of the instruction of the group's program that computes them."""
+        """Stored rows, by the number of the instruction that computes them in the group's program."""
         rows_by_instruction: dict[int, list[int]] = {}
         for row in self.stored_rows(group):
             rows_by_instruction.setdefault(group.program.results[row], []).append(row)
@@ -241,13 +243,13 @@ NEITHER, BEFORE, AFTER = 0, 1, 2
 
 @dataclass(frozen=True)
 class Product:
-    """Matrix (n, n) with two pairs of factors: rows (n, k) and columns (k, n), each the number of a result."""
+    """Matrix (n, n) with two pairs of factors: rows (n, k) and columns (k, n). Each factor is the number of a result."""
 
     name: str
     before: tuple[int, int]
-    """Factors of entries of kind BEFORE."""
+    """Pair of factors of entries of kind BEFORE."""
     after: tuple[int, int]
-    """Factors of entries of kind AFTER."""
+    """Pair of factors of entries of kind AFTER."""
     added: tuple[tuple[int, int, float], ...] = ()
     """Row, column and value of each constant that is added."""
 

@@ -25,7 +25,7 @@ class TensorSpec(NamedTuple):
 
 def signature_of(inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec]) -> str:
     """Gufunc signature of inputs and outputs, as in ``(7),(7)->(7,7)``."""
-    return gufunc_signature([port.shape for port in inputs], [port.shape for port in outputs])
+    return gufunc_signature([spec.shape for spec in inputs], [spec.shape for spec in outputs])
 
 
 def gufunc_signature(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequence[int | str]]) -> str:
@@ -52,16 +52,18 @@ def axes_of(signature: str) -> list[list[int]]:
     >>> axes_of("(7),(k,7)->(m,7)")
     [[1], [2, 1], [3, 1]]
     """
-    positions: dict[str, int] = {}
-    axes_by_operand = []
+    position_of_size: dict[str, int] = {}
+    positions_by_operand = []
     for shape_text in re.findall(r"\(([^)]*)\)", signature):
         sizes = re.findall(r"\w+", shape_text)
-        axes_by_operand.append([positions.setdefault(size, 1 + len(positions)) for size in sizes])
-    return axes_by_operand
+        for size in sizes:
+            position_of_size.setdefault(size, 1 + len(position_of_size))
+        positions_by_operand.append([position_of_size[size] for size in sizes])
+    return positions_by_operand
 
 
 FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
-"""Fused products with one rounding: ``fma`` is a b + c; the two signs are those of the product and of c."""
+"""Fused products a b + c with one rounding: signs of the product and of c."""
 
 ARITY = {
     "const": 0, "input": 0, "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1,
@@ -75,7 +77,7 @@ processors.
 
 
 _FLOPS_OF_OPERATION = {"add": 1, "sub": 1, "mul": 1, "div": 1, **dict.fromkeys(FUSED, 2)}
-"""Number of floating-point operations of each operation; functions are not counted."""
+"""Number of floating-point operations of each operation; operations that are not listed count as none."""
 
 
 class Instruction(NamedTuple):
@@ -107,9 +109,9 @@ class Program:
     """Names and shapes of the outputs."""
 
     def __repr__(self) -> str:
-        inputs = ", ".join(port.name for port in self.inputs)
-        outputs = ", ".join(port.name for port in self.outputs)
-        return f"<Program {inputs} → {outputs}, {self.signature}: {len(self.instructions)} instructions>"
+        input_names = ", ".join(spec.name for spec in self.inputs)
+        output_names = ", ".join(spec.name for spec in self.outputs)
+        return f"<Program {input_names} → {output_names}, {self.signature}: {len(self.instructions)} instructions>"
 
     def counts(self) -> dict[str, int]:
         """Number of occurrences of each operation, without constants and inputs.
@@ -124,7 +126,8 @@ class Program:
         >>> tw.robots.pendulum().program("gravity_forces").counts()
         {'sin': 1, 'mul': 1}
         """
-        return dict(Counter(instruction.op for instruction in self.instructions if ARITY[instruction.op] > 0))
+        operations = [instruction.op for instruction in self.instructions if ARITY[instruction.op] > 0]
+        return dict(Counter(operations))
 
     @property
     def flops(self) -> int:
@@ -150,10 +153,11 @@ class Program:
         """Hash of the whole computation; equal programs have equal digests in every process."""
         import hashlib
 
-        state = hashlib.sha256(repr((self.inputs, self.outputs, self.results)).encode())
+        interface = repr((self.inputs, self.outputs, self.results))
+        hasher = hashlib.sha256(interface.encode())
         for op, args, value in self.instructions:
-            state.update(f"{op}{args}{value!r}\n".encode())
-        return state.hexdigest()
+            hasher.update(f"{op}{args}{value!r}\n".encode())
+        return hasher.hexdigest()
 
     @property
     def signature(self) -> str:

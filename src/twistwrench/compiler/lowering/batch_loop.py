@@ -13,7 +13,7 @@ from .ir_builder import LlvmWriter, typed_list
 from .target_machine import Precision
 
 Step = tuple[str, list[str]]
-"""Distance between samples, and distances within a sample, axis by axis [bytes]."""
+"""Distance from one sample to the next, and strides of the axes within a sample [bytes]; texts of registers or numbers."""
 
 RANK = 3
 """Maximum number of axes of an array for one sample."""
@@ -26,7 +26,7 @@ LINE = 64
 
 
 def call_arrays(w: LlvmWriter, ports: Sequence[TensorSpec]) -> tuple[str, list[str], list[Step]]:
-    """Number of samples, addresses and strides of a call of the loop."""
+    """Load the number of samples, and addresses and strides of the arrays of a call of the loop."""
     samples = w.new("load i64, ptr %dims, align 8")
     bases = [w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8") for k in range(len(ports))]
     strides = []
@@ -38,26 +38,26 @@ def call_arrays(w: LlvmWriter, ports: Sequence[TensorSpec]) -> tuple[str, list[s
     return samples, bases, strides
 
 
-def load_strides(w: LlvmWriter, operand: int, first_inner: int, axis_count: int) -> Step:
-    """Distance between samples of an operand, and distances within a sample, which begin at entry ``first_inner``."""
-    outer = w.new(f"load i64, ptr {w.gep('%steps', 8 * operand)}, align 8")
-    entries = range(first_inner, first_inner + axis_count)
-    inner = [w.new(f"load i64, ptr {w.gep('%steps', 8 * entry)}, align 8") for entry in entries]
-    return outer, inner
+def load_strides(w: LlvmWriter, operand: int, first_core_entry: int, axis_count: int) -> Step:
+    """Load the strides of an operand; those within a sample begin at this entry of ``%steps``."""
+    batch_stride = w.new(f"load i64, ptr {w.gep('%steps', 8 * operand)}, align 8")
+    entries = range(first_core_entry, first_core_entry + axis_count)
+    core_strides = [w.new(f"load i64, ptr {w.gep('%steps', 8 * entry)}, align 8") for entry in entries]
+    return batch_stride, core_strides
 
 
 def buffer_size(w: LlvmWriter, port: TensorSpec) -> int:
-    """Size of a block of samples of an array [bytes]."""
+    """Size of a buffer for a block of samples of an array [bytes]; at least one number per sample."""
     return max(port.size, 1) * w.lanes * w.precision.bytes
 
 
 def buffer_sizes(w: LlvmWriter, ports: Sequence[TensorSpec]) -> list[int]:
-    """Size of a block of samples of each array [bytes]."""
+    """Size of the buffer of each array [bytes]."""
     return [buffer_size(w, port) for port in ports]
 
 
 def call_block(w: LlvmWriter, pointers: Sequence[str], name: str = "block") -> None:
-    """Call ``@block``, or another function of pointers."""
+    """Write a call of ``@block``, or of another function of pointers."""
     w.do(f"call void @{name}({typed_list('ptr', pointers)})")
 
 
@@ -66,7 +66,7 @@ def allocate(
 ) -> tuple[str, str, list[str]]:
     """Allocate buffers, aligned to cache lines; returns the pointer to free, the current label, and the buffers.
 
-    If malloc fails, the results, whose addresses, shapes and strides are ``outputs``, are filled with NaN.
+    ``outputs`` has addresses, shapes and strides of the results. If malloc fails, the results are filled with NaN.
     """
     padded_sizes = [-(-size // LINE) * LINE for size in sizes]  # whole cache lines
     allocation = w.new(f"call ptr @malloc(i64 {sum(padded_sizes) + LINE})")
@@ -79,35 +79,37 @@ def allocate(
     w.do("ret void")
     w.begin(label)
     integer = w.new(f"ptrtoint ptr {allocation} to i64")
-    beyond = w.new(f"add i64 {integer}, {LINE - 1}")
-    aligned = w.new(f"and i64 {beyond}, {-LINE}")
+    within_first_line = w.new(f"add i64 {integer}, {LINE - 1}")
+    aligned = w.new(f"and i64 {within_first_line}, {-LINE}")  # rounded up to a whole line
     start = w.new(f"inttoptr i64 {aligned} to ptr")
-    return allocation, label, [w.gep(start, sum(padded_sizes[:k])) for k in range(len(padded_sizes))]
+    buffers = [w.gep(start, sum(padded_sizes[:k])) for k in range(len(padded_sizes))]
+    return allocation, label, buffers
 
 
 def call_copy(
-    w: LlvmWriter, which: str, buffer: str, address: str, count: str, shape: Sequence[int | str], step: Step
+    w: LlvmWriter, function: str, buffer: str, address: str, count: str, shape: Sequence[int | str], step: Step
 ) -> None:
-    """Call ``@gather`` or ``@scatter`` for a buffer, and ``count`` samples of an array at ``address``."""
-    w.do(f"call void @{which}(ptr {buffer}, ptr {address}, i64 {count}, {_axis_arguments(shape, step)})")
+    """Write a call of ``gather`` or ``scatter`` for a buffer, and ``count`` samples of an array at ``address``."""
+    w.do(f"call void @{function}(ptr {buffer}, ptr {address}, i64 {count}, {_axis_arguments(shape, step)})")
 
 
 def _axis_arguments(shape: Sequence[int | str], step: Step) -> str:
     """Arguments of ``@gather`` and others: the distance between samples, then length and stride of each of three axes."""
-    outer, inner = step
-    lengths = [1] * (RANK - len(shape)) + list(shape)
-    strides = ["0"] * (RANK - len(shape)) + inner
+    batch_stride, core_strides = step
+    missing_axes = RANK - len(shape)
+    lengths = [1] * missing_axes + list(shape)
+    strides = ["0"] * missing_axes + core_strides
     axes = ", ".join(f"i64 {length}, i64 {stride}" for length, stride in zip(lengths, strides, strict=True))
-    return f"i64 {outer}, {axes}"
+    return f"i64 {batch_stride}, {axes}"
 
 
 def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str:
-    """Function that copies samples with three axes: ``gather`` (``inward``) into a packed buffer, ``scatter`` out of one.
+    """Text of a function that copies samples with three axes, between an array at ``%place`` and a packed buffer.
 
-    ``gather`` pads the buffer to a whole block.
+    ``gather`` copies into the buffer (``inward``), and pads it to a whole block. ``scatter`` copies out of the buffer.
     """
     w = LlvmWriter(precision, lanes)
-    word = f"i{precision.bits}"
+    word = f"i{precision.bits}"  # numbers are copied as integers
     line_count = w.new("mul i64 %n0, %n1")
     sample_size = w.new(f"mul i64 {line_count}, %n2")  # number of elements
     sample_bytes = w.new(f"mul i64 {sample_size}, {precision.bytes}")
@@ -136,7 +138,7 @@ def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str
 
 
 def _pad(w: LlvmWriter, word: str, sample_size: str, sample_bytes: str) -> None:
-    """Repeat the last sample in the remaining rows of the block."""
+    """Repeat the last sample in the remaining rows of a buffer."""
     last_row = w.new("sub i64 %count, 1")
     last_sample = w.gep("%buffer", w.new(f"mul i64 {last_row}, {sample_bytes}"))
     missing_rows = w.new(f"sub i64 {w.lanes}, %count")
@@ -150,7 +152,7 @@ def _pad(w: LlvmWriter, word: str, sample_size: str, sample_bytes: str) -> None:
 
 
 def streaming(precision: Precision, lanes: int) -> str:
-    """Function ``stream`` that copies ``count`` vectors of a packed buffer to an aligned address, bypassing the caches."""
+    """Text of ``stream``, which copies ``count`` vectors of a packed buffer to an aligned address, bypassing the caches."""
     w = LlvmWriter(precision, lanes)
     vector_bytes = lanes * precision.bytes
     with w.loop("%count", "entry") as k:
@@ -164,16 +166,16 @@ def streaming(precision: Precision, lanes: int) -> str:
 
 
 def nan_filler(precision: Precision, lanes: int) -> str:
-    """Function ``fill_nan`` that writes NaN into every entry of samples with three axes."""
+    """Text of ``fill_nan``, which writes NaN into every entry of samples with three axes."""
     w = LlvmWriter(precision, lanes)
     with w.loop("%count", "entry") as row:
         sample = w.gep("%place", w.new(f"mul i64 {row}, %outer"))
         with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j, w.loop("%n2", w.after) as k:
             offset_0 = w.new(f"mul i64 {i}, %s0")
             offset_1 = w.new(f"mul i64 {j}, %s1")
-            offset = w.new(f"add i64 {offset_0}, {offset_1}")
+            line_offset = w.new(f"add i64 {offset_0}, {offset_1}")
             offset_2 = w.new(f"mul i64 {k}, %s2")
-            offset = w.new(f"add i64 {offset}, {offset_2}")
+            offset = w.new(f"add i64 {line_offset}, {offset_2}")
             nan = w.number(math.nan)
             w.do(f"store {w.element} {nan}, ptr {w.gep(sample, offset)}, align {precision.bytes}")
     arguments = "ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
@@ -186,7 +188,7 @@ def nan_filler(precision: Precision, lanes: int) -> str:
 # ``void loop(char **args, intp *dims, intp *steps, void *data)`` is the type of a gufunc's inner loop. ``dims[0]`` is the
 # number of samples. ``steps`` has the distance between samples of each operand, then the distances within a sample. If all
 # operands are contiguous rows, the block reads and writes them in place. Operands with other strides, broadcast operands and
-# the last rows are copied through buffers of one block. In these, the last row stands in place of missing ones, because its
+# the last rows are copied through buffers of one block. There, the last row is repeated in place of missing rows, because its
 # numbers set no floating-point flag that is not set anyway. Large results bypass the caches: they are computed in a buffer of
 # one block, and written in whole vectors.
 
@@ -214,17 +216,17 @@ def loop(name: str, program: Program, precision: Precision, lanes: int, frame: i
     """
     ports = [*program.inputs, *program.outputs]
     w = LlvmWriter(precision, lanes)
-    large = frame + sum(buffer_sizes(w, ports)) > ON_STACK
+    is_large = frame + sum(buffer_sizes(w, ports)) > ON_STACK
     result_row_bytes = precision.bytes * sum(port.size for port in program.outputs)
     vector_bytes = lanes * precision.bytes
     piece = 0  # size of a store that bypasses the caches [bytes]; 0 if none does
     if result_row_bytes >= SHORTEST_ROW and vector_bytes >= SHORTEST_PIECE and group == 1:
         piece = vector_bytes
-    _body(w, ports, len(program.inputs), frame, large, group, piece)
+    _write_body(w, ports, len(program.inputs), frame, is_large, group, piece)
     helpers = [copying("gather", precision, lanes, inward=True), copying("scatter", precision, lanes, inward=False)]
     if piece:
         helpers.append(streaming(precision, lanes))
-    if large:
+    if is_large:
         helpers += [nan_filler(precision, lanes), MEMORY_DECLARATIONS]
     return "\n".join([*helpers, *loop_function(name, w)])
 
@@ -234,20 +236,24 @@ def loop_function(name: str, w: LlvmWriter) -> list[str]:
     return [f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:", *w.lines, "  ret void\n}\n"]
 
 
-def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large: bool, group: int, piece: int) -> None:
+def _write_body(
+    w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, is_large: bool, group: int, piece: int
+) -> None:
     """Write the body of the loop function; ``inputs`` is the number of inputs among the arrays ``ports``."""
     samples, bases, strides = call_arrays(w, ports)
     allocation, label = "", "entry"
-    if large:
+    if is_large:
         results = [(bases[k], ports[k].shape, strides[k]) for k in range(inputs, len(ports))]
-        allocation, label, (*buffers, room) = allocate(w, [*buffer_sizes(w, ports), frame], samples, results)
+        sizes = [*buffer_sizes(w, ports), frame]
+        allocation, label, buffers_and_frame = allocate(w, sizes, samples, results)
     else:
-        *buffers, room = _buffers_on_stack(w, ports, frame)
+        buffers_and_frame = _buffers_on_stack(w, ports, frame)
+    *buffers, frame_pointer = buffers_and_frame
     frame_argument: list[str] = []  # the frame, if there is one, is the last argument of blocks
     if frame:
-        frame_argument = [room]
-        w.do(f"call void @prepare(ptr {room})")
-    are_contiguous = [_is_contiguous(w, port, *strides[k]) for k, port in enumerate(ports)]
+        frame_argument = [frame_pointer]
+        w.do(f"call void @prepare(ptr {frame_pointer})")
+    are_contiguous = [_is_contiguous(w, port, step) for port, step in zip(ports, strides, strict=True)]
     all_contiguous = are_contiguous[0]
     for is_contiguous in are_contiguous[1:]:
         all_contiguous = w.new(f"and i1 {all_contiguous}, {is_contiguous}")
@@ -273,19 +279,21 @@ def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large
     remaining_samples = w.new(f"sub i64 {samples}, {done_samples}")
     with w.loop(w.blocks(remaining_samples), w.after) as block:
         samples_before = w.new(f"mul i64 {block}, {w.lanes}")
-        first = w.new(f"add i64 {done_samples}, {samples_before}")
-        count, is_partial = w.share(samples, first)
+        first_sample = w.new(f"add i64 {done_samples}, {samples_before}")
+        count, is_partial = w.share(samples, first_sample)
         is_whole = w.new(f"xor i1 {is_partial}, true")
-        is_later = w.new(f"icmp sgt i64 {block}, 0")
-        rows, pointers, are_copied = [], [], []
+        is_later_block = w.new(f"icmp sgt i64 {block}, 0")
+        rows, pointers, are_copied = [], [], []  # for each array: first row in it, pointer for the block, condition
         for k in range(len(ports)):
-            rows.append(w.gep(bases[k], w.new(f"mul i64 {first}, {strides[k][0]}")))
+            batch_stride, _ = strides[k]
+            rows.append(w.gep(bases[k], w.new(f"mul i64 {first_sample}, {batch_stride}")))
             in_place = w.new(f"and i1 {are_contiguous[k]}, {is_whole}")
             pointers.append(w.new(f"select i1 {in_place}, ptr {rows[k]}, ptr {buffers[k]}"))
             are_copied.append(w.new(f"xor i1 {in_place}, true"))
         for k in range(inputs):  # a sample that all rows share is copied in the first block only
-            is_shared = w.new(f"icmp eq i64 {strides[k][0]}, 0")
-            is_in_buffer = w.new(f"and i1 {is_later}, {is_shared}")
+            batch_stride, _ = strides[k]
+            is_shared = w.new(f"icmp eq i64 {batch_stride}, 0")
+            is_in_buffer = w.new(f"and i1 {is_later_block}, {is_shared}")
             is_missing = w.new(f"xor i1 {is_in_buffer}, true")
             with w.when(w.new(f"and i1 {are_copied[k]}, {is_missing}")):
                 call_copy(w, "gather", buffers[k], rows[k], count, ports[k].shape, strides[k])
@@ -298,7 +306,7 @@ def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large
 
 
 def _buffers_on_stack(w: LlvmWriter, ports: list[TensorSpec], frame: int) -> list[str]:
-    """Buffers for a block of samples of each array, then for the frame; the latter is empty without one."""
+    """Allocate buffers on the stack: of each array, then the frame; an empty text without a frame."""
     buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
     if frame == 0:
         return [*buffers, ""]
@@ -306,20 +314,20 @@ def _buffers_on_stack(w: LlvmWriter, ports: list[TensorSpec], frame: int) -> lis
 
 
 def _can_stream(w: LlvmWriter, samples: str, outputs: list[tuple[str, TensorSpec]], piece: int) -> str:
-    """Condition (i1): results exceed the caches, and the addresses and blocks of all are multiples of ``piece`` bytes."""
+    """Condition (i1): results exceed the caches, and addresses and blocks of all results are multiples of ``piece`` bytes."""
     result_row_bytes = 0
     for _, port in outputs:
         sample_bytes = port.size * w.precision.bytes
         if w.lanes * sample_bytes % piece:
             return "false"
         result_row_bytes += sample_bytes
-    streams = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // result_row_bytes}")
+    can_stream = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // result_row_bytes}")
     for base, _ in outputs:
         address = w.new(f"ptrtoint ptr {base} to i64")
         misalignment = w.new(f"and i64 {address}, {piece - 1}")
         is_aligned = w.new(f"icmp eq i64 {misalignment}, 0")
-        streams = w.new(f"and i1 {streams}, {is_aligned}")
-    return streams
+        can_stream = w.new(f"and i1 {can_stream}, {is_aligned}")
+    return can_stream
 
 
 def _stream_blocks(
@@ -332,11 +340,11 @@ def _stream_blocks(
     frame_argument: list[str],
 ) -> str:
     """Evaluate ``count`` blocks, with inputs in place and results through buffers; returns the current label."""
-    inputs = len(ports) - len(buffers)
+    input_count = len(ports) - len(buffers)
     with w.loop(count, label) as k:
         addresses = _addresses_after(w, ports, bases, k, 1)
-        call_block(w, [*addresses[:inputs], *buffers, *frame_argument])
-        for buffer, address, port in zip(buffers, addresses[inputs:], ports[inputs:], strict=True):
+        call_block(w, [*addresses[:input_count], *buffers, *frame_argument])
+        for buffer, address, port in zip(buffers, addresses[input_count:], ports[input_count:], strict=True):
             w.do(f"call void @stream(ptr {buffer}, ptr {address}, i64 {port.size})")
     with w.when(w.new(f"icmp sgt i64 {count}, 0")):
         w.do("fence seq_cst")  # orders the nontemporal writes for other threads
@@ -344,11 +352,11 @@ def _stream_blocks(
 
 
 def _addresses_after(w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str, group: int) -> list[str]:
-    """Addresses in the arrays after ``count`` groups of blocks."""
-    column_bytes = group * w.lanes * w.precision.bytes  # of one column of a group
+    """Addresses in the arrays after ``count`` groups of ``group`` blocks."""
+    bytes_per_entry = group * w.lanes * w.precision.bytes  # in all samples of a group
     addresses = []
     for base, port in zip(bases, ports, strict=True):
-        offset = w.new(f"mul i64 {count}, {port.size * column_bytes}")
+        offset = w.new(f"mul i64 {count}, {port.size * bytes_per_entry}")
         addresses.append(w.gep(base, offset))
     return addresses
 
@@ -369,14 +377,17 @@ def _blocks_in_place(
     return w.after
 
 
-def _is_contiguous(w: LlvmWriter, port: TensorSpec, outer: str, inner: list[str]) -> str:
+def _is_contiguous(w: LlvmWriter, port: TensorSpec, step: Step) -> str:
     """Condition (i1): the samples of an array are adjacent and in C order."""
-    expected, all_so_far = w.precision.bytes, ""
+    batch_stride, core_strides = step
     lengths = [*reversed(port.shape), 1]
-    for length, stride in zip(lengths, [*reversed(inner), outer], strict=True):
-        has_expected = w.new(f"icmp eq i64 {stride}, {expected}")
-        if all_so_far:
-            has_expected = w.new(f"and i1 {all_so_far}, {has_expected}")
-        all_so_far = has_expected
-        expected *= length
-    return all_so_far
+    strides = [*reversed(core_strides), batch_stride]
+    expected_stride = w.precision.bytes
+    all_expected = ""  # condition for the axes up to here
+    for length, stride in zip(lengths, strides, strict=True):
+        is_expected = w.new(f"icmp eq i64 {stride}, {expected_stride}")
+        if all_expected:
+            is_expected = w.new(f"and i1 {all_expected}, {is_expected}")
+        all_expected = is_expected
+        expected_stride *= length
+    return all_expected

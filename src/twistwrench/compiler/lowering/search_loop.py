@@ -43,29 +43,34 @@ OF_LANE = ("attempt", "times")
 
 X, PASSED, GIVEN, MOVED, PASSED_ON, BEST, FAR, STATUS = range(8)
 """Numbers of the buffers: x, memory and given target of the program, its next x and next memory, the best memory of a sample,
-the distances of start configurations, and the status. Those of the kernel's inputs follow."""
+the distances of start configurations, and the status. Buffers of the kernel's inputs follow."""
 
 
 class SearchState:
     """Addresses of all data of a running loop."""
 
-    def __init__(self, search: Search, w: LlvmWriter, frame: int) -> None:
-        self.s, self.w, self.frame = search, w, frame
+    def __init__(self, search: Search, w: LlvmWriter, frame_bytes: int) -> None:
+        self.s = search
+        self.w = w
+        self.frame_bytes = frame_bytes
         self.bytes = w.precision.bytes
+        """Size of a number."""
         x, passed = search.program.outputs
-        given, far = search.program.inputs[-1], TensorSpec("far", (PLACES,))
+        given = search.program.inputs[-1]
+        far = TensorSpec("far", (PLACES,))
         self.ports = [x, passed, given, x, passed, passed, far, search.status, *search.inputs]
         """Shapes of the buffers, in the order of their numbers."""
         self.samples = ""
-        """Number of samples."""
-        self.large = frame + sum(buffer_sizes(w, self.ports)) > ON_STACK
+        """Number of samples, as a register."""
+        self.is_large = frame_bytes + sum(buffer_sizes(w, self.ports)) > ON_STACK
         """True if the buffers do not fit on the stack."""
 
     # ── data ──
 
     def load_operands(self) -> None:
         """Load addresses and strides of arrays, and flags of contiguous rows."""
-        w, ports = self.w, [*self.s.inputs, *self.s.outputs]
+        w = self.w
+        ports = [*self.s.inputs, *self.s.outputs]
         self.bases: list[str] = []
         self.strides: list[Step] = []
         self.contiguous: list[str] = []
@@ -75,53 +80,56 @@ class SearchState:
             batch_stride, core_strides = load_strides(w, k, next_stride, len(port.shape))
             next_stride += len(port.shape)
             self.strides.append((batch_stride, core_strides))
-            is_contiguous, expected = "true", self.bytes
-            for length, stride in reversed(list(zip(port.shape, core_strides, strict=True))):
-                is_contiguous = self.all_of(is_contiguous, f"icmp eq i64 {stride}, {expected}")
-                expected *= length
+            is_contiguous = "true"
+            expected_stride = self.bytes
+            for length, stride in reversed(list(zip(port.shape, core_strides, strict=True))):  # the last axis first
+                is_contiguous = self.all_of(is_contiguous, f"icmp eq i64 {stride}, {expected_stride}")
+                expected_stride *= length
             self.contiguous.append(is_contiguous)
 
     def allocate_buffers(self) -> str:
-        """Allocate all buffers; returns the pointer to free, empty if they are on the stack."""
-        w, allocation = self.w, ""
+        """Allocate all buffers; returns the pointer to free, an empty text if they are on the stack."""
+        w = self.w
+        allocation = ""
         w.after = "entry"
         self.counts = w.new(f"alloca [{len(OF_SAMPLE + OF_LANE) * w.lanes} x i64], align {LINE}")
-        # Next sample; 1 if a lane has an attempt; number of the nearest start configuration.
-        self.queue, self.working, self.found = (w.new("alloca i64, align 8") for _ in range(3))
-        self.frame_room = ""
+        self.next_sample = w.new("alloca i64, align 8")
+        self.any_working = w.new("alloca i64, align 8")  # 1 if a lane has an attempt
+        self.nearest_start = w.new("alloca i64, align 8")  # number of a start configuration
+        self.frame_pointer = ""
         sizes = buffer_sizes(w, self.ports)
-        self.least = w.new(f"alloca {w.element}, align 8")  # distance of the nearest start configuration
-        if self.large:
+        self.least_distance = w.new(f"alloca {w.element}, align 8")  # of the nearest start configuration
+        if self.is_large:
             first_output = len(self.s.inputs)
             shapes = [port.shape for port in self.s.outputs]
             results = list(zip(self.bases[first_output:], shapes, self.strides[first_output:], strict=True))
-            allocation, w.after, buffers = allocate(w, [*sizes, self.frame], self.samples, results)
-            *self.buffers, self.frame_room = buffers
+            allocation, w.after, buffers = allocate(w, [*sizes, self.frame_bytes], self.samples, results)
+            *self.buffers, self.frame_pointer = buffers
         else:
             self.buffers = [w.new(f"alloca [{size} x i8], align {LINE}") for size in sizes]
-            if self.frame:
-                self.frame_room = w.new(f"alloca [{self.frame} x i8], align {LINE}")
-        if self.frame:
-            w.do(f"call void @prepare(ptr {self.frame_room})")
+            if self.frame_bytes:
+                self.frame_pointer = w.new(f"alloca [{self.frame_bytes} x i8], align {LINE}")
+        if self.frame_bytes:
+            w.do(f"call void @prepare(ptr {self.frame_pointer})")
         return allocation
 
     def copy_tables(self) -> None:
         """Copy the settings, the starts and their targets to contiguous memory, unless they are contiguous already."""
         w = self.w
         pointers = []
-        for k in range(2, len(self.s.inputs)):
+        for k in range(2, len(self.s.inputs)):  # without target and x, the first two inputs
             buffer = self.buffers[STATUS + 1 + k]
             with w.when(w.new(f"xor i1 {self.contiguous[k]}, true")):
                 call_copy(w, "gather", buffer, self.bases[k], "1", self.s.inputs[k].shape, self.strides[k])
             pointers.append(w.new(f"select i1 {self.contiguous[k]}, ptr {self.bases[k]}, ptr {buffer}"))
-        self.settings, self.places, self.reached = pointers
-        self.most_times = w.new(f"fptosi {w.element} {self.load(self.settings, TIMES)} to i64")
-        self.most_attempts = w.new(f"fptosi {w.element} {self.load(self.settings, ATTEMPTS)} to i64")
+        self.settings, self.starts, self.start_targets = pointers
+        self.max_times = w.new(f"fptosi {w.element} {self.load(self.settings, TIMES)} to i64")
+        self.max_attempts = w.new(f"fptosi {w.element} {self.load(self.settings, ATTEMPTS)} to i64")
 
     # ── Data access ──
 
     def count_address(self, name: str, lane: str) -> str:
-        """Address of a lane's integer."""
+        """Address of an integer of a lane, by its name in OF_SAMPLE or OF_LANE."""
         names = OF_SAMPLE + OF_LANE
         first_lane = self.w.gep(self.counts, names.index(name) * self.w.lanes * 8)
         offset = self.w.new(f"mul i64 {lane}, 8")
@@ -135,10 +143,10 @@ class SearchState:
         """Set a lane's integer."""
         self.w.do(f"store i64 {value}, ptr {self.count_address(name, lane)}, align 8")
 
-    def row_address(self, which: int, lane: str) -> str:
-        """Address of a lane's row in a buffer."""
-        offset = self.w.new(f"mul i64 {lane}, {self.ports[which].size * self.bytes}")
-        return self.w.gep(self.buffers[which], offset)
+    def row_address(self, buffer: int, lane: str) -> str:
+        """Address of a lane's row in a buffer, given by its number."""
+        offset = self.w.new(f"mul i64 {lane}, {self.ports[buffer].size * self.bytes}")
+        return self.w.gep(self.buffers[buffer], offset)
 
     def load(self, row: str, entry: int) -> str:
         """Load an entry of a row."""
@@ -150,15 +158,16 @@ class SearchState:
         address = self.w.gep(row, entry * self.bytes)
         self.w.do(f"store {self.w.element} {value}, ptr {address}, align {self.bytes}")
 
-    def copy(self, target: str, source: str, count: int, align: int = 0) -> None:
-        """Copy ``count`` bytes; ``align`` is the alignment of both addresses, by default that of an element."""
+    def copy(self, target: str, source: str, byte_count: int, align: int = 0) -> None:
+        """Copy bytes; ``align`` is the alignment of both addresses, 0 for that of an element."""
         align = align or self.bytes
         pointers = f"ptr align {align} {target}, ptr align {align} {source}"
-        self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({pointers}, i64 {count}, i1 false)")
+        self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({pointers}, i64 {byte_count}, i1 false)")
 
     def clear(self, buffer: str, port: TensorSpec) -> None:
         """Fill a buffer with zeros."""
-        w, vector_bytes = self.w, self.w.lanes * self.bytes
+        w = self.w
+        vector_bytes = w.lanes * self.bytes
         with w.loop(str(port.size), w.after) as k:
             address = w.gep(buffer, w.new(f"mul i64 {k}, {vector_bytes}"))
             w.do(f"store {w.vector} zeroinitializer, ptr {address}, align {vector_bytes}")
@@ -168,7 +177,7 @@ class SearchState:
         return self.w.new(f"select i1 {condition}, i64 {a}, i64 {b}")
 
     def all_of(self, *conditions: str) -> str:
-        """Condition (i1) that holds if all conditions hold; each is a value, or the text of an instruction for one."""
+        """Condition (i1) that holds if all conditions hold; each is a value, or the text of an instruction that yields one."""
         all_so_far = "true"
         for condition in conditions:
             is_instruction = " " in condition
@@ -181,7 +190,8 @@ class SearchState:
     def copy_in(self, k: int, row: str, sample: str) -> None:
         """Copy one sample of input k into a row."""
         w, port = self.w, self.s.inputs[k]
-        source = w.gep(self.bases[k], w.new(f"mul i64 {sample}, {self.strides[k][0]}"))
+        batch_stride, _ = self.strides[k]
+        source = w.gep(self.bases[k], w.new(f"mul i64 {sample}, {batch_stride}"))
         with w.when(self.contiguous[k]):
             self.copy(row, source, port.size * self.bytes)
         with w.when(w.new(f"xor i1 {self.contiguous[k]}, true")):
@@ -191,7 +201,8 @@ class SearchState:
         """Copy a row into one sample of result k."""
         w, port = self.w, self.s.outputs[k]
         operand = len(self.s.inputs) + k
-        target = w.gep(self.bases[operand], w.new(f"mul i64 {sample}, {self.strides[operand][0]}"))
+        batch_stride, _ = self.strides[operand]
+        target = w.gep(self.bases[operand], w.new(f"mul i64 {sample}, {batch_stride}"))
         with w.when(self.contiguous[operand]):
             self.copy(target, row, port.size * self.bytes)
         with w.when(w.new(f"xor i1 {self.contiguous[operand]}, true")):
@@ -201,12 +212,12 @@ class SearchState:
 def search_over(search: Search) -> Loop:
     """Return a writer of the search's loop around its program's blocks."""
 
-    def write(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
-        loop = _Attempts(search, LlvmWriter(precision, lanes), frame)
+    def write(name: str, _program: Program, precision: Precision, lanes: int, frame_bytes: int, _group: int) -> str:
+        loop = _SearchLoop(search, LlvmWriter(precision, lanes), frame_bytes)
         loop.write()
         w = loop.w
         helpers = [copying("gather", precision, 1, inward=True), copying("scatter", precision, 1, inward=False)]
-        if loop.large:
+        if loop.is_large:
             helpers += [nan_filler(precision, lanes), MEMORY_DECLARATIONS]
         tables = [_table("begins", w, search.begins), _table("least", w, search.least), _table("most", w, search.most)]
         return "\n".join([*helpers, COPY_DECLARATION, *tables, *loop_function(name, w)])
@@ -220,7 +231,7 @@ def _table(name: str, w: LlvmWriter, numbers: tuple[float, ...]) -> str:
     return f"@{name} = internal constant [{len(numbers)} x {w.element}] [{entries}], align {LINE}"
 
 
-class _Attempts(SearchState):
+class _SearchLoop(SearchState):
     """Writer of one loop: every lane makes an attempt, and begins another one when it has ended."""
 
     def write(self) -> None:
@@ -233,31 +244,32 @@ class _Attempts(SearchState):
         are_few = w.new(f"icmp slt i64 {self.samples}, {w.lanes // 2}")
         self.owner_step = self.choose(are_few, 0, 1)  # 0 if all lanes share a sample: its owner is lane 0
         if w.lanes > 1:
-            for k in (X, PASSED, GIVEN):  # idle lanes compute too, with these numbers
+            for k in (X, PASSED, GIVEN):  # idle lanes compute too, with zeros
                 self.clear(self.buffers[k], self.ports[k])
-        initial = {"sample": -1, "next": NO_ATTEMPT, "winner": NO_ATTEMPT, "running": 0, "attempt": -1}
+        initial_values = {"sample": -1, "next": NO_ATTEMPT, "winner": NO_ATTEMPT, "running": 0, "attempt": -1}
         with w.loop(lanes, w.after) as lane:
-            for name, value in initial.items():
+            for name, value in initial_values.items():
                 self.store_count(name, lane, value)
-        w.do(f"store i64 0, ptr {self.queue}, align 8")
-        head, body, found = w.label("search"), w.label("step"), w.label("found")
+        w.do(f"store i64 0, ptr {self.next_sample}, align 8")
+        head, body, end = w.label("search"), w.label("step"), w.label("found")
         w.do(f"br label %{head}")
         w.begin(head)
-        w.do(f"store i64 0, ptr {self.working}, align 8")
+        w.do(f"store i64 0, ptr {self.any_working}, align 8")
         with w.loop(lanes, head) as lane:
             self._begin(lane)
-        working = w.new(f"load i64, ptr {self.working}, align 8")
-        w.do(f"br i1 {w.new(f'icmp sgt i64 {working}, 0')}, label %{body}, label %{found}")
+        working_flag = w.new(f"load i64, ptr {self.any_working}, align 8")
+        is_working = w.new(f"icmp sgt i64 {working_flag}, 0")
+        w.do(f"br i1 {is_working}, label %{body}, label %{end}")
         w.begin(body)
         x, passed, given, moved, passed_on = self.buffers[:BEST]
-        frame = [self.frame_room] if self.frame else []
-        call_block(w, [x, x, passed, given, moved, passed_on, *frame])  # the program has x as two inputs
+        frame_argument = [self.frame_pointer] if self.frame_bytes else []
+        call_block(w, [x, x, passed, given, moved, passed_on, *frame_argument])  # the program has x as two inputs
         self.copy(x, moved, buffer_size(w, self.ports[X]), LINE)
         self.copy(passed, passed_on, buffer_size(w, self.ports[PASSED]), LINE)
         with w.loop(lanes, body) as lane:
             self._end(lane)
         w.do(f"br label %{head}")
-        w.begin(found)
+        w.begin(end)
         if allocation:
             w.do(f"call void @free(ptr {allocation})")
 
@@ -272,34 +284,36 @@ class _Attempts(SearchState):
         with w.when(w.new(f"icmp slt i64 {self.load_count('attempt', lane)}, 0")):
             owner = w.new(f"mul i64 {lane}, {self.owner_step}")
             no_winner = w.new(f"icmp eq i64 {self.load_count('winner', owner)}, {NO_ATTEMPT}")
-            continues = self.all_of(no_winner, f"icmp sle i64 {self.load_count('next', owner)}, {self.most_attempts}")
+            continues = self.all_of(no_winner, f"icmp sle i64 {self.load_count('next', owner)}, {self.max_attempts}")
             none_runs = w.new(f"icmp eq i64 {self.load_count('running', owner)}, 0")
             with w.when(self.all_of(f"xor i1 {continues}, true", none_runs)):
                 with w.when(w.new(f"icmp sge i64 {self.load_count('sample', owner)}, 0")):
                     self._report(owner)
                 self._next_sample(owner)
+            # The integers of the owner may have changed.
             no_winner = w.new(f"icmp eq i64 {self.load_count('winner', owner)}, {NO_ATTEMPT}")
-            with w.when(self.all_of(no_winner, f"icmp sle i64 {self.load_count('next', owner)}, {self.most_attempts}")):
+            with w.when(self.all_of(no_winner, f"icmp sle i64 {self.load_count('next', owner)}, {self.max_attempts}")):
                 self._start(lane, owner)
         with w.when(w.new(f"icmp sge i64 {self.load_count('attempt', lane)}, 0")):
-            w.do(f"store i64 1, ptr {self.working}, align 8")
+            w.do(f"store i64 1, ptr {self.any_working}, align 8")
 
     def _next_sample(self, owner: str) -> None:
         """Take the next sample, if there is one."""
         w = self.w
-        sample = w.new(f"load i64, ptr {self.queue}, align 8")
+        sample = w.new(f"load i64, ptr {self.next_sample}, align 8")
         exists = w.new(f"icmp slt i64 {sample}, {self.samples}")
         self.store_count("sample", owner, self.choose(exists, sample, -1))
         self.store_count("next", owner, self.choose(exists, 0, NO_ATTEMPT))
         self.store_count("winner", owner, NO_ATTEMPT)
         self.store_count("nearest", owner, NO_ATTEMPT)
         following = self.choose(exists, w.new(f"add i64 {sample}, 1"), sample)
-        w.do(f"store i64 {following}, ptr {self.queue}, align 8")
+        w.do(f"store i64 {following}, ptr {self.next_sample}, align 8")
 
     def _start(self, lane: str, owner: str) -> None:
         """Begin the next attempt of a sample: attempt 0 at the start of the caller, others at the nearest unused start."""
         w = self.w
-        sample, attempt = self.load_count("sample", owner), self.load_count("next", owner)
+        sample = self.load_count("sample", owner)
+        attempt = self.load_count("next", owner)
         self.store_count("attempt", lane, attempt)
         self.store_count("times", lane, 0)
         self.store_count("next", owner, w.new(f"add i64 {attempt}, 1"))
@@ -313,12 +327,11 @@ class _Attempts(SearchState):
             self.copy_in(1, x, sample)
             self._bring_inside(x)
         with w.when(w.new(f"icmp eq i64 {attempt}, 1")):
-            self._distances(given, owner)
-        with w.when(w.new(f"icmp sgt i64 {attempt}, 0")):
-            nearest = self._nearest(owner)
-            x_bytes = self.ports[X].size * self.bytes
-            self.copy(x, w.gep(self.places, w.new(f"mul i64 {nearest}, {x_bytes}")), x_bytes)
+            self._compute_distances(given, owner)
         x_bytes = self.ports[X].size * self.bytes
+        with w.when(w.new(f"icmp sgt i64 {attempt}, 0")):
+            nearest = self._take_nearest_start(owner)
+            self.copy(x, w.gep(self.starts, w.new(f"mul i64 {nearest}, {x_bytes}")), x_bytes)
         self.copy(passed, x, x_bytes)
         self.copy(w.gep(passed, x_bytes), "@begins", len(self.s.begins) * self.bytes)
 
@@ -331,58 +344,58 @@ class _Attempts(SearchState):
             value = self.load(entry, 0)
             for table, comparison in (("@least", "olt"), ("@most", "ogt")):
                 bound = self.load(w.gep(table, offset), 0)
-                beyond = w.new(f"fcmp {comparison} {e} {value}, {bound}")
-                value = w.new(f"select i1 {beyond}, {e} {bound}, {e} {value}")
+                is_beyond = w.new(f"fcmp {comparison} {e} {value}, {bound}")
+                value = w.new(f"select i1 {is_beyond}, {e} {bound}, {e} {value}")
             self.store(entry, 0, value)
 
-    def _distances(self, target: str, owner: str) -> None:
-        """Distances of the start configurations from the target, Σ weight (target entry - entry of the start)².
+    def _compute_distances(self, target: str, owner: str) -> None:
+        """Store the distances of the start configurations from the target, Σ weight (target entry - entry of the start)².
 
         Each vector holds the distances of as many starts as there are lanes.
         """
         w = self.w
-        far = self.row_address(FAR, owner)
+        distances = self.row_address(FAR, owner)
         first_weight = TOLERANCES + self.ports[GIVEN].size - self.s.target.size  # in the settings, after the tolerances
-        pairs = []  # a target entry and its weight, each in every lane
+        entries_and_weights = []  # of the target, each in every lane
         for position, entry in enumerate(self.s.near, start=first_weight):
-            wanted = f"{w.vector} {self._everywhere(self.load(target, entry))}"
-            weight = f"{w.vector} {self._everywhere(self.load(self.settings, position))}"
-            pairs.append((wanted, weight))
+            target_entry = f"{w.vector} {self._in_all_lanes(self.load(target, entry))}"
+            weight = f"{w.vector} {self._in_all_lanes(self.load(self.settings, position))}"
+            entries_and_weights.append((target_entry, weight))
         with w.loop(str(PLACES // w.lanes), w.after) as k:
             offset = w.new(f"mul i64 {k}, {w.lanes * self.bytes}")
             total = w.splat(0.0)
-            for entry, (wanted, weight) in enumerate(pairs):
-                address = w.gep(w.gep(self.reached, entry * PLACES * self.bytes), offset)
-                reached = w.new(f"load {w.vector}, ptr {address}, align {self.bytes}")
-                difference = w.new(f"fsub {wanted}, {reached}")
+            for entry, (target_entry, weight) in enumerate(entries_and_weights):
+                address = w.gep(w.gep(self.start_targets, entry * PLACES * self.bytes), offset)
+                start_entry = w.new(f"load {w.vector}, ptr {address}, align {self.bytes}")
+                difference = w.new(f"fsub {target_entry}, {start_entry}")
                 square = w.binary("fmul", difference, difference)
                 total = w.binary("fadd", total, w.new(f"fmul {weight}, {square}"))
-            w.do(f"store {w.vector} {total}, ptr {w.gep(far, offset)}, align {self.bytes}")
+            w.do(f"store {w.vector} {total}, ptr {w.gep(distances, offset)}, align {self.bytes}")
 
-    def _everywhere(self, number: str) -> str:
+    def _in_all_lanes(self, number: str) -> str:
         """Vector with a number in every lane."""
         w = self.w
         in_lane_0 = w.new(f"insertelement {w.vector} poison, {w.element} {number}, i32 0")
         return w.shuffle(in_lane_0, in_lane_0, [0] * w.lanes)
 
-    def _nearest(self, owner: str) -> str:
+    def _take_nearest_start(self, owner: str) -> str:
         """Number of the nearest unused start configuration; an infinite distance then marks it as used."""
         w = self.w
-        far = self.row_address(FAR, owner)
-        found, least = self.found, self.least
-        w.do(f"store i64 0, ptr {found}, align 8")
-        w.do(f"store {w.element} {w.number(math.inf)}, ptr {least}, align 8")
+        distances = self.row_address(FAR, owner)
+        nearest_start, least_distance = self.nearest_start, self.least_distance
+        w.do(f"store i64 0, ptr {nearest_start}, align 8")
+        w.do(f"store {w.element} {w.number(math.inf)}, ptr {least_distance}, align 8")
         with w.loop(str(PLACES), w.after) as k:
-            address = w.gep(far, w.new(f"mul i64 {k}, {self.bytes}"))
+            address = w.gep(distances, w.new(f"mul i64 {k}, {self.bytes}"))
             distance = w.new(f"load {w.element}, ptr {address}, align {self.bytes}")
-            least_before = w.new(f"load {w.element}, ptr {least}, align 8")
+            least_before = w.new(f"load {w.element}, ptr {least_distance}, align 8")
             is_nearer = w.new(f"fcmp olt {w.element} {distance}, {least_before}")
             new_least = w.new(f"select i1 {is_nearer}, {w.element} {distance}, {w.element} {least_before}")
-            w.do(f"store {w.element} {new_least}, ptr {least}")
-            found_before = w.new(f"load i64, ptr {found}, align 8")
-            w.do(f"store i64 {self.choose(is_nearer, k, found_before)}, ptr {found}, align 8")
-        nearest = w.new(f"load i64, ptr {found}, align 8")
-        address = w.gep(far, w.new(f"mul i64 {nearest}, {self.bytes}"))
+            w.do(f"store {w.element} {new_least}, ptr {least_distance}")
+            nearest_before = w.new(f"load i64, ptr {nearest_start}, align 8")
+            w.do(f"store i64 {self.choose(is_nearer, k, nearest_before)}, ptr {nearest_start}, align 8")
+        nearest = w.new(f"load i64, ptr {nearest_start}, align 8")
+        address = w.gep(distances, w.new(f"mul i64 {nearest}, {self.bytes}"))
         w.do(f"store {w.element} {w.number(math.inf)}, ptr {address}, align {self.bytes}")
         return nearest
 
@@ -395,12 +408,12 @@ class _Attempts(SearchState):
             times = w.new(f"add i64 {self.load_count('times', lane)}, 1")
             self.store_count("times", lane, times)
             winner = self.load_count("winner", owner)
-            after_winner = w.new(f"icmp sgt i64 {attempt}, {winner}")
+            after_winner = w.new(f"icmp sgt i64 {attempt}, {winner}")  # an earlier attempt succeeded
             passed = self.row_address(PASSED, lane)
-            continue_flag = self.load(passed, self.ports[PASSED].size - 1)
+            continue_flag = self.load(passed, self.ports[PASSED].size - 1)  # the last entry of the memory
             program_continues = w.new(f"fcmp ogt {w.element} {continue_flag}, {w.number(0.0)}")
             continues = self.all_of(
-                program_continues, f"icmp slt i64 {times}, {self.most_times}", f"xor i1 {after_winner}, true"
+                program_continues, f"icmp slt i64 {times}, {self.max_times}", f"xor i1 {after_winner}, true"
             )
             with w.when(w.new(f"xor i1 {continues}, true")):
                 self.store_count("attempt", lane, -1)
@@ -411,11 +424,13 @@ class _Attempts(SearchState):
     def _compare(self, owner: str, attempt: str, passed: str) -> None:
         """Keep the result of an attempt if it succeeded or is nearer than all others; ties go to the earlier attempt."""
         w = self.w
-        status, error = self.load(passed, self.s.x.size), self.load(passed, self.s.x.size + 1)
+        status = self.load(passed, self.s.x.size)  # the memory has x, the status and the error
+        error = self.load(passed, self.s.x.size + 1)
         is_decided = w.new(f"fcmp one {w.element} {status}, {w.number(0.0)}")  # found, or the target is invalid
         self.store_count("winner", owner, self.choose(is_decided, attempt, self.load_count("winner", owner)))
         best = self.row_address(BEST, owner)
-        least_error, nearest = self.load(best, self.s.x.size + 1), self.load_count("nearest", owner)
+        least_error = self.load(best, self.s.x.size + 1)
+        nearest = self.load_count("nearest", owner)
         is_number = f"fcmp ord {w.element} {error}, {error}"
         is_nearer = self.all_of(is_number, f"fcmp ult {w.element} {error}, {least_error}")  # or the best is NaN
         wins_tie = self.all_of(f"fcmp oeq {w.element} {error}, {least_error}", f"icmp slt i64 {attempt}, {nearest}")
@@ -430,16 +445,16 @@ class _Attempts(SearchState):
     def _report(self, owner: str) -> None:
         """Store the results of a sample: the best x, and the status with the number of attempts."""
         w = self.w
-        sample, winner, best = (
-            self.load_count("sample", owner),
-            self.load_count("winner", owner),
-            self.row_address(BEST, owner),
-        )
+        sample = self.load_count("sample", owner)
+        winner = self.load_count("winner", owner)
+        best = self.row_address(BEST, owner)
         no_winner = w.new(f"icmp eq i64 {winner}, {NO_ATTEMPT}")
         attempts = self.choose(no_winner, self.load_count("next", owner), w.new(f"add i64 {winner}, 1"))
         status = self.row_address(STATUS, owner)
         self.store(status, 0, w.new(f"sitofp i64 {attempts} to {w.element}"))
-        report_bytes = (self.s.status.size - 1) * self.bytes
+        report_bytes = (
+            self.s.status.size - 1
+        ) * self.bytes  # the first entry, the number of attempts, is stored already
         self.copy(w.gep(status, self.bytes), w.gep(best, self.s.x.size * self.bytes), report_bytes)
         self.copy_out(0, best, sample)
         self.copy_out(1, status, sample)

@@ -16,6 +16,7 @@ from .ir_builder import LlvmWriter
 from .target_machine import Precision
 
 TWO_OVER_PI = 0.6366197723675814
+"""2/π, quarter turns in a radian."""
 
 HALF_PI = {
     64: (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33),
@@ -57,24 +58,24 @@ def limit_pattern(precision: Precision) -> int:
 def sincos(w: LlvmWriter, angles: list[str]) -> list[tuple[str, str]]:
     """Emit (sin x, cos x) of several angles within the limit, in lockstep; NaN and infinity give NaN.
 
-    Each step is done for all angles before the next one. So the processor finds independent operations, and constants are
-    loaded once.
+    Each step is written for all angles before the next one. So the processor finds independent operations, and constants
+    are loaded once.
     """
     bits = w.precision.bits
     magic = 1.5 * 2.0**w.precision.mantissa  # adding it leaves the nearest integer in the low bits
     shifted = [w.fma(x, w.splat(TWO_OVER_PI), w.splat(magic)) for x in angles]
-    turns = [w.binary("fsub", s, w.splat(magic)) for s in shifted]
-    reduced = angles
+    quarter_turns = [w.binary("fsub", s, w.splat(magic)) for s in shifted]
+    remainders = angles
     parts_of_half_pi = HALF_PI if w.fused else HALF_PI_SHORT
     for part in parts_of_half_pi[bits]:
-        reduced = [w.fma(k, w.splat(-part), r) for k, r in zip(turns, reduced, strict=True)]
+        remainders = [w.fma(k, w.splat(-part), r) for k, r in zip(quarter_turns, remainders, strict=True)]
     # sin r = r + r³ S(r²) and cos r = C(r²), with the remainder r of each angle.
-    squares = [w.binary("fmul", r, r) for r in reduced]
-    sines = _horner(w, SINE[bits], squares)
-    cubes = [w.binary("fmul", r, r2) for r, r2 in zip(reduced, squares, strict=True)]
-    sines = [w.fma(s, r3, r) for s, r3, r in zip(sines, cubes, reduced, strict=True)]
+    squares = [w.binary("fmul", r, r) for r in remainders]
+    S_values = _horner(w, SINE[bits], squares)
+    cubes = [w.binary("fmul", r, r2) for r, r2 in zip(remainders, squares, strict=True)]
+    sines = [w.fma(S, r3, r) for S, r3, r in zip(S_values, cubes, remainders, strict=True)]
     cosines = _horner(w, COSINE[bits], squares)
-    return [_quadrant(w, *triple) for triple in zip(shifted, sines, cosines, strict=True)]
+    return [_choose_by_quadrant(w, s, sine, cosine) for s, sine, cosine in zip(shifted, sines, cosines, strict=True)]
 
 
 def _horner(w: LlvmWriter, coefficients: tuple[float, ...], points: list[str]) -> list[str]:
@@ -85,44 +86,48 @@ def _horner(w: LlvmWriter, coefficients: tuple[float, ...], points: list[str]) -
     return values
 
 
-def _quadrant(w: LlvmWriter, shifted: str, sine: str, cosine: str) -> tuple[str, str]:
-    """Swap values and flip signs according to the quadrant in the low bits of ``shifted``."""
+def _choose_by_quadrant(w: LlvmWriter, shifted: str, sine: str, cosine: str) -> tuple[str, str]:
+    """Emit sin and cos of an angle from those of its remainder, by the quadrant in the low bits of ``shifted``."""
     bits = w.precision.bits
     quadrant = w.new(f"bitcast {w.vector} {shifted} to {w.integer}")
-    # Shifted to the sign bit: bit 0 selects a swap; bit 1 is the sign of sin; their xor is the sign of cos.
+    # Two bits of the quadrant, moved to the sign bit. Bit 0 (low) swaps sin and cos. Bit 1 (high) is the sign of sin, and
+    # the xor of both bits is the sign of cos.
     low = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 1)}")
     high = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 2)}")
     is_odd = w.new(f"icmp slt {w.integer} {low}, {w.bits(0)}")
     low_xor_high = w.new(f"xor {w.integer} {low}, {high}")
     swapped_sine = w.select(is_odd, cosine, sine)
     flipped_sine = _flip(w, swapped_sine, high)
-    return flipped_sine, _flip(w, w.select(is_odd, sine, cosine), low_xor_high)
+    swapped_cosine = w.select(is_odd, sine, cosine)
+    return flipped_sine, _flip(w, swapped_cosine, low_xor_high)
 
 
 def _flip(w: LlvmWriter, value: str, sign: str) -> str:
-    """``value`` with its sign flipped where the top bit of ``sign`` is set."""
-    top = w.new(f"and {w.integer} {sign}, {w.bits(-(1 << (w.precision.bits - 1)))}")
+    """Emit ``value`` with its sign flipped where the top bit of ``sign`` is set."""
+    top_bit = w.bits(-(1 << (w.precision.bits - 1)))
+    top = w.new(f"and {w.integer} {sign}, {top_bit}")
     pattern = w.new(f"bitcast {w.vector} {value} to {w.integer}")
-    pattern = w.new(f"xor {w.integer} {pattern}, {top}")
-    return w.new(f"bitcast {w.integer} {pattern} to {w.vector}")
+    flipped = w.new(f"xor {w.integer} {pattern}, {top}")
+    return w.new(f"bitcast {w.integer} {flipped} to {w.vector}")
 
 
 def wrap(w: LlvmWriter, angles: list[str], block: str) -> tuple[list[str], str]:
     """Emit the reduction of huge angles: one branch, taken only if some lane of some angle is beyond the limit.
 
-    ``block`` is the current label. Returns the angles to use and the new current label.
+    ``block`` is the current label. Returns the reduced angles and the new current label.
     """
     bound = w.bits(limit_pattern(w.precision))
-    huge = ""  # mask of the lanes beyond the limit
+    is_huge = ""  # mask of the lanes in which an angle up to here is beyond the limit
     for x in angles:  # compared as integers, which have the same order: comparing NaNs would raise a flag
-        size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
-        over = w.new(f"icmp sgt {w.integer} {size}, {bound}")
-        if huge:
-            over = w.new(f"or {w.mask} {huge}, {over}")
-        huge = over
-    mask_bits = w.new(f"bitcast {w.mask} {huge} to i{w.lanes}")
+        absolute = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
+        is_beyond = w.new(f"icmp sgt {w.integer} {absolute}, {bound}")
+        if is_huge:
+            is_beyond = w.new(f"or {w.mask} {is_huge}, {is_beyond}")
+        is_huge = is_beyond
+    mask_bits = w.new(f"bitcast {w.mask} {is_huge} to i{w.lanes}")
     any_huge = w.new(f"icmp ne i{w.lanes} {mask_bits}, 0")
     far, near = w.labels("far", "near")
+    # The weights tell LLVM that the branch is hardly ever taken.
     w.do(f'br i1 {any_huge}, label %{far}, label %{near}, !prof !{{!"branch_weights", i32 1, i32 100000}}')
     w.begin(far)
     wrapped = [w.new(f"call {w.vector} @{_wrapper_name(w)}({w.vector} {x})") for x in angles]
@@ -133,6 +138,7 @@ def wrap(w: LlvmWriter, angles: list[str], block: str) -> tuple[list[str], str]:
 
 
 def _wrapper_name(w: LlvmWriter) -> str:
+    """Name of the function that :func:`wrapper` writes for the writer's vectors."""
     return f"wrap.{w.suffix}"
 
 
@@ -151,10 +157,10 @@ def wrapper(precision: Precision, lanes: int) -> str:
         angle = w.new(f"call {double} @atan2({double} {sine}, {double} {cosine})")
         if precision.bits == 32:
             angle = w.new(f"fptrunc {double} {angle} to {w.element}")
-        size = w.new(f"call {w.element} @llvm.fabs.f{precision.bits}({w.element} {x})")
-        pattern = w.new(f"bitcast {w.element} {size} to i{precision.bits}")
-        over = w.new(f"icmp sgt i{precision.bits} {pattern}, {limit_pattern(precision)}")
-        value = w.new(f"select i1 {over}, {w.element} {angle}, {w.element} {x}")
+        absolute = w.new(f"call {w.element} @llvm.fabs.f{precision.bits}({w.element} {x})")
+        pattern = w.new(f"bitcast {w.element} {absolute} to i{precision.bits}")
+        is_beyond = w.new(f"icmp sgt i{precision.bits} {pattern}, {limit_pattern(precision)}")
+        value = w.new(f"select i1 {is_beyond}, {w.element} {angle}, {w.element} {x}")
         result = w.new(f"insertelement {w.vector} {result}, {w.element} {value}, i32 {lane}")
     body = "\n".join(w.lines)
     head = f"define internal {w.vector} @{_wrapper_name(w)}({w.vector} %x) noinline cold"
@@ -168,28 +174,32 @@ def wrapper(precision: Precision, lanes: int) -> str:
 # (tests/program/test_exp.py). Results below the smallest normal number become 0, results above the largest become infinity, and
 # NaN stays NaN.
 
-LN2 = {64: (6.93147180369123816490e-01, 1.90821492927058770002e-10), 32: (6.93359375e-01, -2.12194440054690583e-04)}
-"""ln 2 as the sum of a short number and a remainder."""
+LN2 = {
+    64: (6.93147180369123816490e-01, 1.90821492927058770002e-10),
+    32: (6.93359375e-01, -2.12194440054690583e-04),
+}
+"""ln 2 as the sum of a short number and a remainder, by the number of bits of the precision."""
 
 DEGREE = {64: 13, 32: 7}
 """Degree of the Taylor polynomial: the next term, at ln 2 / 2, is below a quarter unit in the last place."""
 
 
 def bounds(precision: Precision) -> tuple[float, float]:
-    """Arguments below the first bound give 0, and above the second one infinity: other results would not be normal numbers."""
+    """Bounds of arguments: below the lower one results are 0, above the upper one infinity, as they would not be normal."""
     max_exponent = {64: 1023, 32: 127}[precision.bits]
-    margin = 1 - 1e-6
-    return (1.0 - max_exponent) * math.log(2.0) * margin, (max_exponent + 1.0) * math.log(2.0) * margin
+    shrinkage = 1 - 1e-6  # keeps results at the bounds normal in spite of rounding
+    return (1.0 - max_exponent) * math.log(2.0) * shrinkage, (max_exponent + 1.0) * math.log(2.0) * shrinkage
 
 
 def exp(w: LlvmWriter, x: str) -> str:
     """Emit e**x. Arguments out of bounds and NaN are found by comparing bits, because comparing NaNs would raise flags."""
     bits, mantissa = w.precision.bits, w.precision.mantissa
     low, high = (w.bits(w.precision.pattern(abs(bound))) for bound in bounds(w.precision))
-    negative = w.new(f"icmp slt {w.integer} {w.new(f'bitcast {w.vector} {x} to {w.integer}')}, {w.bits(0)}")
-    size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
-    max_size = w.new(f"select {w.mask} {negative}, {w.integer} {low}, {w.integer} {high}")
-    is_out = w.new(f"icmp sgt {w.integer} {size}, {max_size}")
+    pattern_of_x = w.new(f"bitcast {w.vector} {x} to {w.integer}")
+    is_negative = w.new(f"icmp slt {w.integer} {pattern_of_x}, {w.bits(0)}")
+    absolute = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
+    max_absolute = w.new(f"select {w.mask} {is_negative}, {w.integer} {low}, {w.integer} {high}")
+    is_out = w.new(f"icmp sgt {w.integer} {absolute}, {max_absolute}")
     inside = w.select(is_out, w.splat(0.0), x)  # 0 in place of arguments out of bounds
     magic = 1.5 * 2.0**mantissa  # adding it leaves the nearest integer in the low bits
     shifted = w.fma(inside, w.splat(1.0 / math.log(2.0)), w.splat(magic))
@@ -197,12 +207,14 @@ def exp(w: LlvmWriter, x: str) -> str:
     r = inside
     for part in LN2[bits]:
         r = w.fma(k, w.splat(-part), r)
-    value = w.splat(1.0 / math.factorial(DEGREE[bits]))
+    polynomial = w.splat(1.0 / math.factorial(DEGREE[bits]))
     for n in reversed(range(DEGREE[bits])):
-        value = w.fma(value, r, w.splat(1.0 / math.factorial(n)))
-    power = w.new(f"shl {w.integer} {w.new(f'bitcast {w.vector} {shifted} to {w.integer}')}, {w.bits(mantissa)}")
-    scaled = w.new(f"add {w.integer} {w.new(f'bitcast {w.vector} {value} to {w.integer}')}, {power}")
+        polynomial = w.fma(polynomial, r, w.splat(1.0 / math.factorial(n)))
+    pattern_of_k = w.new(f"bitcast {w.vector} {shifted} to {w.integer}")
+    exponent = w.new(f"shl {w.integer} {pattern_of_k}, {w.bits(mantissa)}")
+    pattern_of_polynomial = w.new(f"bitcast {w.vector} {polynomial} to {w.integer}")
+    scaled = w.new(f"add {w.integer} {pattern_of_polynomial}, {exponent}")
     result = w.new(f"bitcast {w.integer} {scaled} to {w.vector}")
-    result_if_out = w.select(negative, w.splat(0.0), w.splat(math.inf))
-    is_nan = w.new(f"icmp sgt {w.integer} {size}, {w.bits(w.precision.pattern(math.inf))}")
+    result_if_out = w.select(is_negative, w.splat(0.0), w.splat(math.inf))
+    is_nan = w.new(f"icmp sgt {w.integer} {absolute}, {w.bits(w.precision.pattern(math.inf))}")
     return w.select(is_nan, x, w.select(is_out, result_if_out, result))

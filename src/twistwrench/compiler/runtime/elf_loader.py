@@ -34,7 +34,7 @@ class Relocations(NamedTuple):
     section: int
     """Number of the section."""
     places: Array
-    """Offset of each position in the section."""
+    """Offset of each position in the section [bytes]."""
     symbols: Array
     """Number of each symbol."""
     addends: Array
@@ -49,8 +49,8 @@ class ObjectFile(NamedTuple):
     """Names of the symbols; empty for those local to the file."""
     symbol_sections: list[int]
     """Section of each symbol; 0 if it is undefined."""
-    values: Array
-    """Offset of each symbol in its section."""
+    offsets: Array
+    """Offset of each symbol in its section [bytes]."""
     relocations: list[Relocations]
 
     def undefined(self) -> set[bytes]:
@@ -64,22 +64,34 @@ class ObjectFile(NamedTuple):
 MAGIC = b"\x7fELF\x02\x01"
 """First bytes of a 64-bit little-endian file."""
 
-_RELOCATABLE_FILE, _X86_64 = 1, 62
-_FILE_HEADER = np.dtype("V16, <u2, <u2, V20, <u8, V12, <u2, V2")
-"""File header: magic, type, machine, …, offset of the section table, …, number of its rows, …; V are bytes not read here."""
+_RELOCATABLE_FILE = 1
+"""File type ET_REL."""
+_X86_64 = 62
+"""Machine EM_X86_64."""
 
 
-def _row_type(size: int, fields: str, formats: str, offsets: Sequence[int]) -> np.dtype[Any]:
-    """Type of a row of a table in the file: ``size`` bytes, with the fields that are read."""
-    row = {"names": fields.split(), "formats": formats.split(), "offsets": list(offsets), "itemsize": size}
+def _row_type(size: int, /, **fields: tuple[int, str]) -> np.dtype[Any]:
+    """Type of a row of a table in the file: ``size`` bytes, and of each field that is read the first byte and the format."""
+    offsets, formats = zip(*fields.values(), strict=True)
+    row = {"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": size}
     return np.dtype(row)  # type: ignore[call-overload]
 
 
-_SECTION = _row_type(
-    64, "type flags offset size link info align", "<u4 <u8 <u8 <u8 <u4 <u4 <u8", (4, 8, 24, 32, 40, 44, 48)
+_FILE_HEADER = _row_type(
+    64, file_type=(16, "<u2"), machine=(18, "<u2"), section_table_offset=(40, "<u8"), section_count=(60, "<u2")
 )
-_SYMBOL = _row_type(24, "name kind section value", "<u4 u1 <u2 <u8", (0, 4, 6, 8))
-_RELOCATION = np.dtype([("place", "<u8"), ("type", "<u4"), ("symbol", "<u4"), ("addend", "<i8")])
+_SECTION = _row_type(
+    64,
+    type=(4, "<u4"),
+    flags=(8, "<u8"),
+    offset=(24, "<u8"),
+    size=(32, "<u8"),
+    link=(40, "<u4"),
+    info=(44, "<u4"),
+    align=(48, "<u8"),
+)
+_SYMBOL = _row_type(24, name=(0, "<u4"), kind=(4, "u1"), section=(6, "<u2"), value=(8, "<u8"))
+_RELOCATION = _row_type(24, place=(0, "<u8"), type=(8, "<u4"), symbol=(12, "<u4"), addend=(16, "<i8"))
 _PROGRAM_SECTION, _SYMBOL_SECTION, _RELOCATION_SECTION, _UNWINDING_SECTION = 1, 2, 4, 0x70000001
 """Types of sections: SHT_PROGBITS, SHT_SYMTAB, SHT_RELA and SHT_X86_64_UNWIND."""
 _WRITTEN_FLAG, _LOADED_FLAG = 1, 2
@@ -90,13 +102,16 @@ _RELATIVE_TYPES = (2, 4)
 
 def read_elf(raw: bytes) -> ObjectFile:
     """Sections, symbols and relocations of a file. Raises :class:`UnsupportedObject` for features that kernels do not need."""
-    _, file_type, machine, _, table_offset, _, section_count, _ = table(raw, _FILE_HEADER, 0, 1)[0].item()
+    (file_header,) = table(raw, _FILE_HEADER, 0, 1)
+    file_type, machine, table_offset, section_count = file_header.item()
     if not raw.startswith(MAGIC) or file_type != _RELOCATABLE_FILE or machine != _X86_64:
         raise UnsupportedObject
     headers = table(raw, _SECTION, table_offset, section_count)
     sections = {}
     for number, (section_type, flags, offset, size, _, _, align) in enumerate(headers.tolist()):
-        if not flags & _LOADED_FLAG or section_type == _UNWINDING_SECTION:  # no kernel raises C++ exceptions
+        is_loaded = flags & _LOADED_FLAG
+        # tables for unwinding are needed by C++ exceptions, which no kernel raises
+        if not is_loaded or section_type == _UNWINDING_SECTION:
             continue
         is_written = flags & _WRITTEN_FLAG
         is_truncated = offset + size > len(raw)
@@ -109,23 +124,25 @@ def read_elf(raw: bytes) -> ObjectFile:
     (symbol_header,) = symbol_headers
     symbols = table(raw, _SYMBOL, int(symbol_header["offset"]), int(symbol_header["size"]) // _SYMBOL.itemsize)
     names_header = headers[int(symbol_header["link"])]
-    all_names = raw[int(names_header["offset"]) : int(names_header["offset"] + names_header["size"])]
+    names_offset, names_size = int(names_header["offset"]), int(names_header["size"])
+    all_names = raw[names_offset : names_offset + names_size]  # each ends with a zero byte
     names = []
     for first_byte, kind in symbols[["name", "kind"]].tolist():
-        is_local = kind >> 4 == 0  # the upper four bits are the binding, STB_LOCAL
+        is_local = kind >> 4 == 0  # the upper four bits are the binding, and STB_LOCAL is 0
         name = b""
         if not is_local:
-            name = all_names[first_byte : all_names.index(b"\0", first_byte)]
+            end = all_names.index(b"\0", first_byte)
+            name = all_names[first_byte:end]
         names.append(name)
     relocations = []
     for header in headers[headers["type"] == _RELOCATION_SECTION]:
         section = int(header["info"])
-        if section not in sections:
+        if section not in sections:  # of a section that is not loaded
             continue
         entries = table(raw, _RELOCATION, int(header["offset"]), int(header["size"]) // _RELOCATION.itemsize)
         if not np.isin(entries["type"], _RELATIVE_TYPES).all():
             raise UnsupportedObject
-        places = entries["place"].astype(np.int64)
+        places = entries["place"].astype(np.int64)  # signed, as differences of places are
         relocations.append(Relocations(section, places, entries["symbol"], entries["addend"]))
     offsets = symbols["value"].astype(np.int64)
     return ObjectFile(sections, names, symbols["section"].tolist(), offsets, relocations)
@@ -164,43 +181,45 @@ class LoadedObject:
 def load_objects(objects: Sequence[bytes]) -> LoadedObject:
     """Functions of several object files together.
 
-    Raises :class:`UnsupportedObject` for files that LLVM's linker may be able to load, and RuntimeError for files that LLVM's
-    linker must not load either.
+    Raises :class:`UnsupportedObject` for files that only LLVM's linker may be able to load, and RuntimeError for files that
+    LLVM's linker must not load.
     """
     try:
-        image, functions = link_files([read_elf(raw) for raw in objects])
+        image, function_offsets = link_files([read_elf(raw) for raw in objects])
     except (IndexError, KeyError, OverflowError, ValueError):  # an invalid or truncated file
         raise UnsupportedObject from None
-    return LoadedObject(ExecutableMemory.from_image(image), functions)
+    return LoadedObject(ExecutableMemory.from_image(image), function_offsets)
 
 
 def link_files(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
     """Bytes of several files together, the *image*, and the offset of each function in it."""
     end = 0
-    section_offsets: list[dict[int, int]] = []  # of each file, by number of the section
-    functions: dict[bytes, int] = {}
+    section_offsets: list[dict[int, int]] = []  # for each file, offset in the image by number of the section
+    function_offsets: dict[bytes, int] = {}
     for file in files:
         offsets: dict[int, int] = {}
         section_offsets.append(offsets)
         for number, (contents, align) in file.sections.items():
             offsets[number] = _round_up(end, align)
             end = offsets[number] + len(contents)
-        for name, section, value in zip(file.names, file.symbol_sections, file.values, strict=True):
+        for name, section, offset_in_section in zip(file.names, file.symbol_sections, file.offsets, strict=True):
             if name and section in offsets:
-                functions[name] = offsets[section] + int(value)
+                function_offsets[name] = offsets[section] + int(offset_in_section)
     undefined: set[bytes] = set()
     for file in files:
         undefined |= file.undefined()
-    library_functions = sorted(undefined - set(functions))
+    library_functions = sorted(undefined - set(function_offsets))  # in an order that does not change between runs
     first_stub = _round_up(end, _STUB_SIZE)
-    stubs = {name: first_stub + _STUB_SIZE * k for k, name in enumerate(library_functions)}
+    stub_offsets = {name: first_stub + _STUB_SIZE * k for k, name in enumerate(library_functions)}
     image = np.zeros(first_stub + _STUB_SIZE * len(library_functions), np.uint8)
+    offsets_by_name = function_offsets | stub_offsets
     for file, offsets in zip(files, section_offsets, strict=True):
-        _fill_image(image, file, offsets, functions | stubs)
-    for name, offset in stubs.items():
-        stub = _JUMP + _library_function(name.decode()).to_bytes(8, "little")
+        _fill_image(image, file, offsets, offsets_by_name)
+    for name, offset in stub_offsets.items():
+        address = _library_function(name.decode())
+        stub = _JUMP + address.to_bytes(8, "little")
         image[offset : offset + _STUB_SIZE] = np.frombuffer(stub, np.uint8)
-    return image, functions
+    return image, function_offsets
 
 
 def _round_up(offset: int, align: int) -> int:
@@ -209,17 +228,22 @@ def _round_up(offset: int, align: int) -> int:
 
 
 def _fill_image(image: Array, file: ObjectFile, offsets: dict[int, int], offsets_by_name: dict[bytes, int]) -> None:
-    """Copy the sections of a file to their offsets, and write the relative addresses of symbols into them."""
-    starts: list[int] = []  # offset of each symbol's section, or of a symbol that another file defines; -1 if unknown
-    for name, section in zip(file.names, file.symbol_sections, strict=True):
-        is_external = name and not section
-        starts.append(offsets_by_name.get(name, -1) if is_external else offsets.get(section, -1))
-    addresses = np.array(starts, np.int64)
-    addresses = np.where(addresses < 0, -1, addresses + file.values)
+    """Copy the sections of a file into the image, and write the relative addresses of symbols into them.
+
+    ``offsets`` are those of its sections, by number; ``offsets_by_name`` those of the symbols that files and stubs define.
+    """
+    symbol_offsets: list[int] = []  # in the image; -1 if unknown
+    for name, section, offset_in_section in zip(file.names, file.symbol_sections, file.offsets.tolist(), strict=True):
+        if name and not section:  # defined by another file or a stub; its offset in a section is zero
+            base = offsets_by_name.get(name, -1)
+        else:
+            base = offsets.get(section, -1)
+        symbol_offsets.append(-1 if base < 0 else base + offset_in_section)
+    symbol_offset_array = np.array(symbol_offsets, np.int64)
     for number, (contents, _) in file.sections.items():
         image[offsets[number] : offsets[number] + len(contents)] = np.frombuffer(contents, np.uint8)
     for number, places, symbols, addends in file.relocations:
-        targets = addresses[symbols]
+        targets = symbol_offset_array[symbols]
         last_place = len(file.sections[number].contents) - 4
         if (places < 0).any() or (places > last_place).any():  # LLVM's linker would write there
             raise RuntimeError("a relocation lies outside its section")
@@ -227,16 +251,19 @@ def _fill_image(image: Array, file: ObjectFile, offsets: dict[int, int], offsets
             raise UnsupportedObject
         positions = offsets[number] + places
         distances = (targets + addends - positions).astype("<i4")
-        image[positions[:, None] + np.arange(4)] = distances.view(np.uint8).reshape(-1, 4)
+        bytes_of_distances = distances.view(np.uint8).reshape(-1, 4)
+        byte_positions = positions[:, None] + np.arange(4)  # (relocations, 4)
+        image[byte_positions] = bytes_of_distances
 
 
 @cache
 def _library_function(name: str) -> int:
-    """Address of a function of the C library."""
+    """Address of a function of the C library. Raises UnsupportedObject if there is none of this name."""
     for library in _libraries():
         function = getattr(library, name, None)
         if function is not None:
-            return ctypes.cast(function, ctypes.c_void_p).value or 0
+            address = ctypes.cast(function, ctypes.c_void_p).value
+            return address or 0  # the value of a null pointer is None; a function is not null
     raise UnsupportedObject
 
 

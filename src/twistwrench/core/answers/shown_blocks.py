@@ -18,8 +18,8 @@ def shown_blocks(
 ) -> list[Block]:
     """Blocks of the short form, or all of them if ``every``.
 
-    The short form of a table of more than ``uncut_rows`` has the rows with the largest shares, at most ``rows``. Notes on how
-    files were read are only counted. The ``hint`` says how to see everything; without a hint, nothing refers to omitted blocks.
+    In the short form, a table of more than ``uncut_rows`` rows keeps those with the largest shares, at most ``rows``. Notes on
+    how files were read are only counted. The ``hint`` says how to see everything; an empty hint leaves out such references.
     """
     level = Level.ALL if every else Level.SHORT
     in_level = [block for block in blocks if isinstance(block, str) or block.level <= level]
@@ -37,18 +37,17 @@ def shown_blocks(
         elif hint:
             short.append(Line((f"{block.sentence}: {hint}", Style.QUIET)))
     if reading_note_count > 0 and hint:
-        plural = "s" * (reading_note_count > 1)
+        plural = "s" if reading_note_count > 1 else ""
         short.append(Line((f"{reading_note_count} note{plural} on how the log was read: {hint}", Style.QUIET)))
     return short
 
 
-_PERCENT = 100.0
 _ROUNDING = 1e-9
 """Rounding error of a percentage."""
 
 
 def shorten_table(table: Table, hint: str, rows: int | None = None, uncut_rows: int = ROWS_OF_ARM) -> list[Block]:
-    """Table with the rows of the largest shares, at most ``rows``, in the table's order, and a line that counts the others."""
+    """Table with at most ``rows`` rows, those of the largest shares in the table's order, and a line that counts the others."""
     row_count = len(table.styles)
     if table.most is None:  # a table that stays whole
         return [table]
@@ -69,16 +68,16 @@ def shorten_table(table: Table, hint: str, rows: int | None = None, uncut_rows: 
     bound = ""
     largest_omitted = shares[omitted[0]]
     if table.of_limits and largest_omitted > 0:
-        next_percent = math.floor(_PERCENT * largest_omitted + _ROUNDING) + 1
-        bound = f" below {next_percent} %"
+        next_percentage = math.floor(100.0 * largest_omitted + _ROUNDING) + 1  # whole number above all omitted shares
+        bound = f" below {next_percentage} %"
     return [short, Line((f"{len(omitted)} more{bound}: {hint}", Style.QUIET))]
 
 
 def _selected_rows(column: Column, rows: Sequence[int]) -> Column:
-    """Column with the rows of these numbers."""
-    column = replace(column, values=[column.values[k] for k in rows])
+    """Column with the rows of these numbers, also in its narrow form."""
+    shortened = replace(column, values=[column.values[k] for k in rows])
     if column.limits is not None:
-        column = replace(column, limits=[column.limits[k] for k in rows])
+        shortened = replace(shortened, limits=[column.limits[k] for k in rows])
     if column.narrow is not None:
-        column = replace(column, narrow=_selected_rows(column.narrow, rows))
-    return column
+        shortened = replace(shortened, narrow=_selected_rows(column.narrow, rows))
+    return shortened

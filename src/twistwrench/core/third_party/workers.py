@@ -23,6 +23,8 @@ RETRIES = 3
 """Number of times that a job is tried again after an error, and number of dead workers after which Dask gives a job up."""
 _CONNECTION_TIMEOUT = 10.0
 """Time in which a scheduler must respond [s]."""
+_MAX_WORKERS = 4096
+"""Largest number of local processes."""
 _ONE_THREAD_EACH = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -49,7 +51,7 @@ class Workers:
     client: Any = None
     """Dask client; None for this process."""
     ahead: int = 1
-    """Maximum number of jobs that are submitted and whose results are not yet returned."""
+    """Largest number of submitted jobs whose results are not yet returned."""
 
     @classmethod
     def from_client(cls, client: Any) -> Workers:
@@ -57,21 +59,21 @@ class Workers:
         if client is None:
             return cls()
         thread_count = sum(client.nthreads().values())
-        return cls(client, ahead=3 * max(1, thread_count))  # no worker waits for the next job
+        return cls(client, ahead=3 * max(1, thread_count))  # so that no worker waits for its next job
 
     def results(
         self, function: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[float], None] | None = None
     ) -> Iterator[Result | Failure]:
-        """``function`` of each item, in the order of the items; an error in one item does not stop the others.
+        """``function`` of each item, in the order of the items; an error in one item becomes a :class:`Failure`.
 
         ``progress`` is called with the finished fraction after each item.
         """
         report_progress = progress or (lambda _fraction: None)
         job = partial(_result_or_failure, function)  # picklable for other processes
         if self.client is None:
-            for count, item in enumerate(items, start=1):
+            for done_count, item in enumerate(items, start=1):
                 yield job(item)
-                report_progress(count / len(items))
+                report_progress(done_count / len(items))
             return
         from concurrent.futures import CancelledError
 
@@ -89,8 +91,8 @@ class Workers:
             try:
                 yield future.result()
             except (KilledWorker, CommClosedError, CancelledError, MemoryError, OSError) as problem:
-                lines = str(problem).splitlines() or ["no details were reported"]
-                yield Failure(f"{type(problem).__name__}: {lines[0]}")
+                message_lines = str(problem).splitlines() or ["no details were reported"]
+                yield Failure(f"{type(problem).__name__}: {message_lines[0]}")
             future.release()
             report_progress((k + 1) / len(items))
 
@@ -106,7 +108,7 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
         return
     if workers is not None and scheduler is not None:
         raise ValueRangeError(f"both {argument('workers')} and {argument('scheduler')} are given. Choose one.")
-    if workers is not None and not 1 <= workers <= 4096:
+    if workers is not None and not 1 <= workers <= _MAX_WORKERS:
         raise ValueRangeError(
             f"{workers!r} is not a valid number of workers. Give 1 or more; this machine has {os.cpu_count()} cores."
         )
@@ -122,8 +124,10 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
     with config.set(settings):
         if workers is not None:
             options: dict[str, Any] = {
-                "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL,
-            }  # fmt: skip
+                "threads_per_worker": 1,
+                "dashboard_address": None,  # no dashboard
+                "silence_logs": logging.CRITICAL,
+            }
             with LocalCluster(n_workers=workers, **options) as cluster, Client(cluster) as client:
                 yield Workers.from_client(client)
             return
@@ -144,7 +148,7 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
 
 
 def _result_or_failure(function: Callable[[Item], Result], item: Item) -> Result | Failure:
-    """Result of a job, or a failure for an error of this library: such an error is the input's, and is not tried again."""
+    """Result of a job. An error of this library becomes a failure: it is due to the input, so the job is not tried again."""
     try:
         return function(item)
     except TwistWrenchError as problem:

@@ -28,59 +28,63 @@ class MjcfJoints:
     """Writer of the joints of one file."""
 
     def __init__(self, parts: ModelParts, equality: Element, losses: Losses) -> None:
-        self.parts, self.equality, self.losses = parts, equality, losses
+        self.parts = parts
+        self.equality = equality
+        self.losses = losses
         self.elements: dict[str, Element] = {}
-        """Elements of joints, by name."""
-        self._names = {joint.name for joint in parts.joints} | {ROOT_JOINT}
-        """Names that are in use."""
-        self._order: list[tuple[str, JointEntry]] = []
-        """Form of its coordinates, and joint, in the order of MuJoCo's qpos, without the root's."""
+        """Element of each joint by name; of the hinge of a helical joint."""
+        self._used_names = {joint.name for joint in parts.joints} | {ROOT_JOINT}
+        self._qpos_joints: list[tuple[str, JointEntry]] = []
+        """Form of the coordinates, and joint, for each part of MuJoCo's qpos in order, without the root joint."""
 
     def add_free(self, body: Element, entry: JointEntry | None = None) -> None:
-        """Add the joint of a floating body: ``entry``, or that of the root."""
+        """Add the joint of a floating body: ``entry``, or the root joint if None."""
         name = ROOT_JOINT if entry is None else entry.name
-        joint = self.elements[name] = new("freejoint", body, name=name)
+        joint = new("freejoint", body, name=name)
+        self.elements[name] = joint
         self._drive(name, [joint])
         if len(joint.attributes) > 1:  # <freejoint> may have a name only
             joint.tag = "joint"
             joint.attributes = {"name": name, "type": "free", **joint.attributes}
         if entry is not None:
-            self._order.append(("floating", entry))
+            self._qpos_joints.append(("floating", entry))
 
     def add_ball(self, entry: JointEntry, body: Element) -> None:
         """Add a ball joint at the body's origin."""
-        joint = self.elements[entry.name] = new("joint", body, name=entry.name, type="ball")
+        joint = new("joint", body, name=entry.name, type="ball")
+        self.elements[entry.name] = joint
         self._drive(entry.name, [joint])
-        self._order.append(("ball", entry))
+        self._qpos_joints.append(("ball", entry))
 
     def add_screw(self, entry: JointEntry, body: Element, T: Array) -> None:
-        """Add a hinge, a slide, or both for a helical joint; ``T`` is the pose of the body in the joint's child."""
+        """Add a hinge, a slide, or both for a helical joint; ``T`` is the pose of the body in the joint's child link."""
         screw = screw_of(entry)
-        direction, point = screw.direction, screw.point  # in the joint's child
+        direction, point = screw.direction, screw.point  # in the frame of the child
         if not np.array_equal(T, np.eye(4)):  # the child is a hidden link, which is not written
             T_inverse = se3.inverse(T)
             direction = T_inverse[:3, :3] @ direction
             point = T_inverse[:3, :3] @ point + T_inverse[:3, 3]
         if screw.turns:
-            joint = self._axis(body, entry.name, "hinge", direction, point)
+            joint = self._add_axis(body, entry.name, "hinge", direction, point)
         else:
-            joint = self._axis(body, entry.name, "slide", direction)
+            joint = self._add_axis(body, entry.name, "slide", direction)
         self._limits(joint, entry)
         self._drive(entry.name, [joint])
-        self._order.append(("single", entry))
+        self._qpos_joints.append(("single", entry))
         if screw.pitch:
-            slide_name = unused(f"{entry.name}.slide", self._names)
-            self._axis(body, slide_name, "slide", direction)
+            slide_name = unused(f"{entry.name}.slide", self._used_names)
+            self._add_axis(body, slide_name, "slide", direction)
             self._follow(slide_name, entry.name, screw.pitch, 0.0)
-            self._order.append(("pitch", entry))
+            self._qpos_joints.append(("pitch", entry))
             self.losses.note_joint(
                 entry.name, "is helical; it is written as a hinge and a slide that an equality joins, softly in MuJoCo"
             )
         if entry.mimic is not None:
-            self._follow(entry.name, *entry.mimic)
+            leader, ratio, offset = entry.mimic
+            self._follow(entry.name, leader, ratio, offset)
 
-    def _axis(self, body: Element, name: str, kind: str, direction: Array, point: Array | None = None) -> Element:
-        """Add one hinge or slide to a body; a hinge turns about a line through ``point``."""
+    def _add_axis(self, body: Element, name: str, kind: str, direction: Array, point: Array | None = None) -> Element:
+        """Add a hinge or slide to a body, and return its element; a hinge turns about a line through ``point``."""
         joint = new("joint", body, name=name, type=kind, axis=figures(direction))
         if point is not None and point.any():
             joint.attributes["pos"] = figures(point)
@@ -89,13 +93,17 @@ class MjcfJoints:
     def add_planar(self, entry: JointEntry, body: Element) -> None:
         """Add two slides and a hinge in place of a planar joint, whose axes are (w, 0), (0, x) and (0, y)."""
         w_axis, x_axis, y_axis = entry.joint.axes
+        single_axes = (
+            ("x", "slide", x_axis[3:]),
+            ("y", "slide", y_axis[3:]),
+            ("theta", "hinge", w_axis[:3]),
+        )
         joints = []
-        parts = (("x", "slide", x_axis[3:]), ("y", "slide", y_axis[3:]), ("theta", "hinge", w_axis[:3]))
-        for suffix, kind, direction in parts:
-            name = unused(f"{entry.name}.{suffix}", self._names)
-            joints.append(self._axis(body, name, kind, direction))
+        for suffix, kind, direction in single_axes:
+            name = unused(f"{entry.name}.{suffix}", self._used_names)
+            joints.append(self._add_axis(body, name, kind, direction))
         self._drive(entry.name, joints)
-        self._order.append(("planar", entry))
+        self._qpos_joints.append(("planar", entry))
         self.losses.note_joint(
             entry.name,
             "is planar; it is written as two slides and a hinge, whose velocities are those of x, y and theta",
@@ -103,10 +111,11 @@ class MjcfJoints:
 
     def _follow(self, joint: str, leader: str, ratio: float, offset: float) -> None:
         """Add the equality joint = ratio · leader + offset."""
-        new("joint", self.equality, joint1=joint, joint2=leader, polycoef=figures([offset, ratio, 0, 0, 0]))
+        coefficients = [offset, ratio, 0, 0, 0]  # of the powers of the leader's position
+        new("joint", self.equality, joint1=joint, joint2=leader, polycoef=figures(coefficients))
 
     def _limits(self, joint: Element, entry: JointEntry) -> None:
-        """Write the limits of a joint of one degree; a loss for limits that the format does not have."""
+        """Write the limits of a joint of one degree of freedom; limits that the format does not have are noted as losses."""
         limits = entry.limits
         bounds = np.array([limits.lower[0], limits.upper[0]])
         if np.isfinite(bounds).any():
@@ -128,11 +137,13 @@ class MjcfJoints:
             joint.attributes |= attributes
 
     def qpos(self, positions: Mapping[str, Array]) -> Iterator[Array]:
-        """Coordinates of each joint in the order and form of MuJoCo's qpos; a follower's come from its leader."""
+        """Coordinates of each joint in the order and form of MuJoCo's qpos, from ``positions`` by joint without followers."""
         if self.parts.floating:
             yield _mujoco_free_coordinates(positions[ROOT_JOINT])
-        for form, entry in self._order:
-            leader, ratio, offset = entry.mimic or (entry.name, 1.0, 0.0)
+        for form, entry in self._qpos_joints:
+            leader, ratio, offset = entry.name, 1.0, 0.0
+            if entry.mimic is not None:
+                leader, ratio, offset = entry.mimic
             q = ratio * positions[leader] + offset
             if form == "floating":
                 yield _mujoco_free_coordinates(q)
@@ -164,7 +175,8 @@ class _MjcfWriter:
     """Writer of one model."""
 
     def __init__(self, parts: ModelParts) -> None:
-        self.parts, self.losses = parts, Losses()
+        self.parts = parts
+        self.losses = Losses()
         self.losses.note_couplings(parts)
         self.root = new("mujoco", model=parts.name)
         new("compiler", self.root, angle="radian", inertiafromgeom="false")
@@ -175,16 +187,16 @@ class _MjcfWriter:
         self.keyframe = Element("keyframe", {}, 0, self.root)
         self.joints = MjcfJoints(parts, self.equality, self.losses)
         self.bodies: dict[str, Element] = {}
-        """Element of the body of each link."""
-        self.children: dict[str, list[JointEntry]] = {}
-        """Joints whose parent is a link, by name of the link."""
+        """Element of the body of each written link, by the link's name."""
+        self.child_joints: dict[str, list[JointEntry]] = {}
+        """Joints by the name of their parent link."""
         for joint in parts.joints:
-            self.children.setdefault(joint.parent, []).append(joint)
-        self.named = {site.link for site in parts.additions.sites.values()}
+            self.child_joints.setdefault(joint.parent, []).append(joint)
+        self.referenced_links = {site.link for site in parts.additions.sites.values()}
         """Links to which sites and closures refer."""
         for closure in parts.additions.closures.values():
-            self.named |= {closure.frame_a, closure.frame_b}
-        self.standing: set[str] = set()
+            self.referenced_links |= {closure.frame_a, closure.frame_b}
+        self.links_in_world: set[str] = set()
         """Links that are fixed in the world. They keep their inertia, which MuJoCo's world body cannot have."""
 
     def write(self) -> RobotDocument:
@@ -196,16 +208,18 @@ class _MjcfWriter:
                 self.joints.add_free(self.bodies[parts.root])
         else:
             self.bodies[WORLD] = self.world
-            self.standing.add(WORLD)
+            self.links_in_world.add(WORLD)
             self.losses.note_mass_of_world(parts)
-        pending: dict[str, tuple[JointEntry, ...]] = {}  # joints that the next body has too, by the link between them
+        pending_joints: dict[
+            str, tuple[JointEntry, ...]
+        ] = {}  # joints of a body not yet written, by the last one's child
         for entry in parts.joints:
-            earlier_joints = pending.pop(entry.parent, ())
+            earlier_joints = pending_joints.pop(entry.parent, ())
             may_share_body = bool(earlier_joints) or not entry.fixed
-            if may_share_body and self._is_between(entry):
-                pending[entry.child] = (*earlier_joints, entry)
+            if may_share_body and self._shares_body_with_next(entry):
+                pending_joints[entry.child] = (*earlier_joints, entry)
             else:
-                self._add((*earlier_joints, entry))
+                self._add_body_with_joints((*earlier_joints, entry))
         self._add_sites()
         self._add_springs()
         self._add_configurations()
@@ -215,47 +229,51 @@ class _MjcfWriter:
                 self.root.add(section)
         return RobotDocument(xml_text(self.root), tuple(self.losses.found))
 
-    def _is_between(self, entry: JointEntry) -> bool:
-        """True if the child of a joint only stands between two joints of one degree, which then are joints of one body.
+    def _shares_body_with_next(self, entry: JointEntry) -> bool:
+        """True if a joint and the next moving one are joints of one body, since the link between them is not needed.
 
-        Such a link has no mass, no site and one child joint. Fixed joints may follow, between links of this kind.
+        Such a link has no mass, no site and one child joint. Both joints have one degree of freedom. Fixed joints may stand
+        between them, with links of this kind. The loss of the first link is noted unless it is hidden.
         """
-        link = self.parts.links[entry.child]
-        while entry.joint.nv == int(not entry.fixed) and entry.child not in self.named:
-            child_joints = self.children.get(entry.child, [])
+        first_link = self.parts.links[entry.child]
+        while True:
+            has_several_degrees = entry.joint.nv != int(not entry.fixed)
+            if has_several_degrees or entry.child in self.referenced_links:
+                return False
+            child_joints = self.child_joints.get(entry.child, [])
             if self.parts.links[entry.child].inertia.parameters.any() or len(child_joints) != 1:
                 return False
             (entry,) = child_joints
             if not entry.fixed:
                 break
-        else:  # a joint of several degrees, or a link with a site
+        if entry.joint.nv != 1:
             return False
-        if entry.joint.nv == 1 and not link.hidden:
+        if not first_link.hidden:
             text = "has no mass; its joint moves the next body with mass, and its frame is lost"
-            self.losses.note("link", link.name, text)
-        return entry.joint.nv == 1
+            self.losses.note("link", first_link.name, text)
+        return True
 
     def _body(self, name: str, parent: Element, T: Array, inertia: SpatialInertia | None) -> Element:
-        """Add the body of a link to its parent body, with pose and inertia."""
-        name_in_file = name if name != WORLD else unused(name, {WORLD, *self.parts.links})
-        if name_in_file != name:
+        """Add the body of a link to its parent body, with its pose ``T`` and inertia, and return its element."""
+        name_in_file = name
+        if name == WORLD:
+            name_in_file = unused(name, {WORLD, *self.parts.links})
             self.losses.say(f"link {name!r} is written as {name_in_file!r}, for the world itself has its name")
         body = new("body", parent, name=name_in_file)
-        body.attributes |= _pose(T)
+        body.attributes |= _pose_attributes(T)
         is_fixed_root = name == self.parts.root and not self.parts.floating
-        moves = not is_fixed_root and name not in self.standing
+        moves = not is_fixed_root and name not in self.links_in_world
         if inertia is not None and (moves or inertia.parameters.any()):
             self._add_inertial(body, name, inertia, moves)
         return body
 
     def _add_inertial(self, body: Element, link: str, inertia: SpatialInertia, moves: bool) -> None:
-        """Write the inertial of a body; a loss if MuJoCo does not compile it."""
+        """Write the inertial of a body; an inertia that MuJoCo does not compile is noted as a loss."""
         I = inertia.moment_about_com
         smallest, middle, largest = np.linalg.eigvalsh(I)
         surplus = smallest + middle - largest  # negative if the triangle inequality is violated, zero for a flat body
-        if (
-            abs(surplus) <= _MAX_ROUNDING * largest
-        ):  # a flat body, for which MuJoCo may find a violation in the last digit
+        if abs(surplus) <= _MAX_ROUNDING * largest:
+            # Without an addition, MuJoCo may find a violation in the last digit of a flat body.
             I = I + _MAX_ROUNDING * largest * np.eye(3)
         defect = ""
         if inertia.mass < _MIN_INERTIA:
@@ -273,25 +291,29 @@ class _MjcfWriter:
             tensor = [I[ENTRIES[name]] for name in IN_MJCF]
             new("inertial", body, pos=figures(inertia.com), mass=figures(inertia.mass), fullinertia=figures(tensor))
 
-    def _add(self, entries: tuple[JointEntry, ...]) -> None:
+    def _add_body_with_joints(self, entries: tuple[JointEntry, ...]) -> None:
         """Add a body with its joints; the child of the last joint is the body's link."""
         first, last = entries[0], entries[-1]
         parent = self.bodies[first.parent]
-        # Pose of the body's frame in the parent, and then in the child of each joint, with all coordinates at zero.
-        poses = [np.eye(4)]
+        # Poses of the body's frame in the child link of each joint, with all coordinates at zero.
+        pose_in_parent = np.eye(4)
+        poses_in_children = []
         for entry in reversed(entries):
-            poses.insert(0, np.asarray(entry.placement @ poses[0]))
+            poses_in_children.insert(0, pose_in_parent)
+            pose_in_parent = np.asarray(entry.placement @ pose_in_parent)
         inertia = self._inertia(last)
         if last.joint.kind == "floating":
-            if parent is not self.world or not np.array_equal(poses[0], np.eye(4)):
+            if parent is not self.world or not np.array_equal(pose_in_parent, np.eye(4)):
                 raise ModelError(
                     f"joint {last.name!r} floats away from the world's origin, and MJCF has no joint for that. Lock it."
                 )
-            self.bodies[last.child] = self._body(last.child, parent, np.eye(4), inertia)
-            self.joints.add_free(self.bodies[last.child], last)
+            body = self._body(last.child, parent, np.eye(4), inertia)
+            self.bodies[last.child] = body
+            self.joints.add_free(body, last)
             return
-        body = self.bodies[last.child] = self._body(last.child, parent, poses[0], inertia)
-        for entry, T in zip(entries, poses[1:], strict=True):
+        body = self._body(last.child, parent, pose_in_parent, inertia)
+        self.bodies[last.child] = body
+        for entry, pose_in_child in zip(entries, poses_in_children, strict=True):
             if entry.fixed:
                 continue
             if entry.joint.kind == "ball":
@@ -299,32 +321,37 @@ class _MjcfWriter:
             elif entry.joint.kind == "planar":
                 self.joints.add_planar(entry, body)
             else:
-                self.joints.add_screw(entry, body, T)
+                self.joints.add_screw(entry, body, pose_in_child)
 
     def _inertia(self, entry: JointEntry) -> SpatialInertia | None:
-        """Inertia of a joint's child: of all links fixed to it if it moves, its own if it is fixed in the world.
+        """Inertia that is written with a joint's child link.
 
-        None for a link that is fixed to a moving one.
+        It includes all links fixed to a moving link. A link that is fixed in the world has its own inertia, and a link that
+        is fixed to a moving one has None.
         """
         if not entry.fixed:
             return self.parts.whole[entry.child]
-        if entry.parent in self.standing:
-            self.standing.add(entry.child)
+        if entry.parent in self.links_in_world:
+            self.links_in_world.add(entry.child)
             return self.parts.links[entry.child].inertia
         return None
 
     def _add_sites(self) -> None:
+        """Write sites into their bodies."""
         for site in self.parts.additions.sites.values():
             body = self.bodies[site.link]
             element = new("site", body, name=site.name.removeprefix("site:"))
-            element.attributes |= _pose(site.pose)
+            element.attributes |= _pose_attributes(site.pose)
 
     def _add_springs(self) -> None:
+        """Write springs as attributes of a joint, or as tendons if they act on several joints.
+
+        The energy of a spring is ½ k (Σ coefficient · position - rest)².
+        """
         for spring in self.parts.additions.springs:
-            # The energy is ½ k (Σ coefficient · position - rest)². A single joint can have the spring itself.
-            (first_joint, first_coefficient), *other_terms = spring.terms
+            first_joint, first_coefficient = spring.terms[0]
             joint = self.joints.elements[first_joint]
-            if not other_terms and "stiffness" not in joint.attributes:
+            if len(spring.terms) == 1 and "stiffness" not in joint.attributes:
                 joint.attributes["stiffness"] = figures(spring.stiffness * first_coefficient**2)
                 if spring.rest:
                     joint.attributes["springref"] = figures(spring.rest / first_coefficient)
@@ -337,34 +364,39 @@ class _MjcfWriter:
                 new("joint", tendon, joint=name, coef=figures(sign * coefficient))
 
     def _add_configurations(self) -> None:
+        """Write named configurations as keyframes."""
         for name, positions in configurations_of(self.parts).items():
-            qpos = np.concatenate([np.zeros(0), *self.joints.qpos(positions)])
+            qpos = np.concatenate([np.zeros(0), *self.joints.qpos(positions)])  # zeros(0): an array even without joints
             new("key", self.keyframe, name=name, qpos=figures(qpos))
 
     def _add_closures(self) -> None:
-        tags = {rows: tag for tag, rows in ROWS.items()}
+        """Write closures as equalities between two sites."""
+        tag_of_rows = {rows: tag for tag, rows in ROWS.items()}
         for name, closure in self.parts.additions.closures.items():
-            if closure.rows not in tags:
+            if closure.rows not in tag_of_rows:
                 self.losses.note("closure", name, f"holds {closure.rows}, which the format cannot represent")
                 continue
-            site1, site2 = self._site_at(closure.frame_a), self._site_at(closure.frame_b)
-            new(tags[closure.rows], self.equality, name=name, site1=site1, site2=site2)
+            site1 = self._site_at(closure.frame_a)
+            site2 = self._site_at(closure.frame_b)
+            new(tag_of_rows[closure.rows], self.equality, name=name, site1=site1, site2=site2)
 
     def _site_at(self, frame: str) -> str:
         """Name of the site of a frame; a link gets a new site, since closures refer to sites only."""
         sites = self.parts.additions.sites
         if frame in sites:
             return frame.removeprefix("site:")
-        name = unused(f"{frame}.site", {site.removeprefix("site:") for site in sites})
+        used_names = {site.removeprefix("site:") for site in sites}
+        name = unused(f"{frame}.site", used_names)
         new("site", self.bodies[frame], name=name)
         return name
 
 
-def _pose(T: Array) -> dict[str, str]:
-    """Attributes of position and orientation; those that are zero or the identity are left out."""
+def _pose_attributes(T: Array) -> dict[str, str]:
+    """Attributes of position and orientation; a zero position and an identity rotation are left out."""
     attributes = {}
-    if T[:3, 3].any():
-        attributes["pos"] = figures(T[:3, 3])
-    if not np.array_equal(T[:3, :3], np.eye(3)):
-        attributes["quat"] = figures(quaternion.from_matrix(T[:3, :3]))
+    R, p = T[:3, :3], T[:3, 3]
+    if p.any():
+        attributes["pos"] = figures(p)
+    if not np.array_equal(R, np.eye(3)):
+        attributes["quat"] = figures(quaternion.from_matrix(R))
     return attributes

@@ -33,20 +33,25 @@ class Losses:
     """Properties of one model that a format cannot represent, collected while it is written."""
 
     found: list[str] = field(default_factory=list)
+    """Sentences, in the order of writing."""
 
     def note(self, kind: str, name: str, text: str) -> None:
-        """Note the loss of a link, joint or other named part."""
+        """Note the loss of a link, joint or other named part; ``text`` is the rest of the sentence that it begins."""
         self.found.append(ModelNote(f"{kind} {name!r}", text))
 
     def note_joint(self, name: str, text: str) -> None:
-        """Note the loss of a joint."""
+        """Note a loss of a joint; ``text`` is the rest of the sentence that begins with the joint."""
         self.note("joint", name, text)
 
     def note_limits(self, joint: str, limits: Limits, *kinds: str) -> None:
         """Note the loss of those limits of a joint that are finite, among ``kinds`` (``"effort"`` and others)."""
-        given_kinds = [kind for kind in kinds if np.isfinite(getattr(limits, kind)[0])]
-        if given_kinds:
-            self.note_joint(joint, f"has a limit of {listed(given_kinds)}, which the format cannot represent")
+        lost_kinds = []
+        for kind in kinds:
+            limit = getattr(limits, kind)[0]
+            if np.isfinite(limit):
+                lost_kinds.append(kind)
+        if lost_kinds:
+            self.note_joint(joint, f"has a limit of {listed(lost_kinds)}, which the format cannot represent")
 
     def say(self, text: str) -> None:
         """Note a loss that belongs to the whole robot; ``text`` is a whole sentence."""
@@ -70,7 +75,8 @@ class Losses:
             parts.armature[name] = np.zeros(1)
         for k, joint in enumerate(parts.joints):
             if joint.name in coupling_by_joint:
-                parts.joints[k] = replace(joint, limits=replace(joint.limits, effort=np.full(1, np.inf)))
+                limits_without_effort = replace(joint.limits, effort=np.full(1, np.inf))
+                parts.joints[k] = replace(joint, limits=limits_without_effort)
         parts.actuators = [actuator for actuator in parts.actuators if actuator.joint not in coupled_motors]
 
     def note_unwritten(self, parts: ModelParts) -> None:
@@ -86,12 +92,19 @@ class Screw:
     """Screw axis by a direction, a point on it, and a pitch."""
 
     direction: Array
+    """Unit vector (3,) in the child's frame."""
     point: Array
-    """(3,) in the child's frame: the point of the axis nearest to its origin; zeros for sliding joints."""
+    """Point (3,) of the axis nearest to the origin of the child's frame [m]; zeros for a sliding joint."""
     pitch: float
-    """m/rad."""
+    """Pitch [m/rad]; 0 for a sliding joint."""
     turns: bool
     """False for a sliding joint."""
+
+
+_MAX_LENGTH_ERROR = 1e-12
+"""Difference from 1 above which the length of an axis is not a rounding error."""
+_ROUND_OFF = 1e-15
+"""Size up to which a pitch or the coordinate of a point is a rounding error [m/rad or m]."""
 
 
 def screw_of(joint: JointEntry) -> Screw:
@@ -99,12 +112,11 @@ def screw_of(joint: JointEntry) -> Screw:
 
     Raises :class:`~twistwrench.ModelError` for an axis that is not of unit length, as no format can represent it.
     """
-    w, v = joint.joint.axes[0, :3], joint.joint.axes[0, 3:]
+    axis = joint.joint.axes[0]
+    w, v = axis[:3], axis[3:]
     turns = bool(w.any())
-    length = float(np.linalg.norm(v))
-    if turns:
-        length = float(np.linalg.norm(w))
-    if abs(length - 1.0) > 1e-12:
+    length = float(np.linalg.norm(w if turns else v))
+    if abs(length - 1.0) > _MAX_LENGTH_ERROR:
         raise ModelError(
             f"joint {joint.name!r} has a screw axis of length {printed(length)}, so that its coordinate is neither an angle "
             "nor a distance. Robot files have axes of unit length."
@@ -112,16 +124,16 @@ def screw_of(joint: JointEntry) -> Screw:
     if not turns:
         return Screw(v, np.zeros(3), 0.0, False)
     point = so3.cross(w, v)  # v = -w x point + pitch w, and w is of length 1
-    round_off = 1e-15 * max(1.0, float(np.abs(v).max()))
-    point = np.where(np.abs(point) > round_off, point, 0.0)
+    point_round_off = _ROUND_OFF * max(1.0, float(np.abs(v).max()))
+    point = np.where(np.abs(point) > point_round_off, point, 0.0)
     pitch = float(w @ v)
-    if not abs(pitch) > 1e-15:
+    if abs(pitch) <= _ROUND_OFF:
         pitch = 0.0
     return Screw(w, point, pitch, True)
 
 
 def translation(point: Array) -> Array:
-    """The pose (4, 4) of a frame at a point."""
+    """Pose (4, 4) of a frame at a point, without rotation."""
     return se3.pose(np.eye(3), point)
 
 
@@ -129,18 +141,22 @@ class JointDrive(NamedTuple):
     """Damping, friction and armature of a joint, one number each."""
 
     damping: float = 0.0
+    """Torque per velocity [N m s/rad or N s/m]."""
     friction: float = 0.0
+    """Coulomb friction [N m or N]."""
     armature: float = 0.0
+    """Inertia [kg m² or kg]."""
 
 
 def drive_of(parts: ModelParts, joint: str, losses: Losses) -> JointDrive:
-    """Damping, Coulomb friction and armature of a joint. What these three cannot represent of its drive is noted as lost."""
+    """Damping, Coulomb friction and armature of a joint. Other properties of its drive are noted as losses."""
     joint_friction = parts.friction.get(joint)
     if joint_friction is None:  # the drive of a mimic joint is written with its leader
         return JointDrive()
     frictions = [joint_friction]
-    if f"{joint}.motor" in parts.friction:
-        frictions.append(parts.friction[f"{joint}.motor"])
+    motor = f"{joint}.motor"  # joint of the motor behind an elastic gear
+    if motor in parts.friction:
+        frictions.append(parts.friction[motor])
     for friction in frictions:
         if (friction.static > friction.coulomb).any():
             losses.note_joint(joint, "has static and Stribeck friction, of which the Coulomb friction alone is written")
@@ -155,30 +171,32 @@ def drive_of(parts: ModelParts, joint: str, losses: Losses) -> JointDrive:
                 losses.note_joint(joint, "has an elastic gear, which is written as a rigid one")
     viscous = np.sum([friction.viscous for friction in frictions], axis=0)
     coulomb = np.sum([friction.coulomb for friction in frictions], axis=0)
-    # one value for each degree of freedom
-    directional = {
+    # Arrays of one value for each degree of freedom; their keys are the fields of JointDrive.
+    values_by_quantity = {
         "damping": viscous,
         "friction": coulomb,
         "armature": armature,
     }
-    for quantity, values in directional.items():
+    means = {}
+    for quantity, values in values_by_quantity.items():
         if np.ptp(values) > 0:
             losses.note_joint(joint, f"has another {quantity} in each direction, of which the mean is written")
-    return JointDrive(**{quantity: float(np.mean(values)) for quantity, values in directional.items()})
+        means[quantity] = float(np.mean(values))
+    return JointDrive(**means)
 
 
 def configurations_of(parts: ModelParts) -> dict[str, dict[str, Array]]:
-    """Coordinates of each joint in each named configuration.
+    """Coordinates by the names of configuration and joint.
 
-    ``qpos0`` is left out if it is neutral, as MuJoCo then has it by itself.
+    The reference configuration ``qpos0`` is left out if it is neutral, because it is then MuJoCo's default.
     """
-    neutral = {joint.name: joint.joint.neutral for joint in parts.joints}
-    neutral[ROOT_JOINT] = np.r_[1.0, np.zeros(6)]
+    neutral_q = {joint.name: joint.joint.neutral for joint in parts.joints}
+    neutral_q[ROOT_JOINT] = np.r_[1.0, np.zeros(6)]  # unit quaternion, then position
     configurations = {}
     for name, positions in parts.additions.configurations.items():
-        q_of_joints = {joint: np.asarray(q, float) for joint, q in positions.items()}
-        is_neutral = all(np.array_equal(q, neutral[joint]) for joint, q in q_of_joints.items())
+        q_by_joint = {joint: np.asarray(q, float) for joint, q in positions.items()}
+        is_neutral = all(np.array_equal(q, neutral_q[joint]) for joint, q in q_by_joint.items())
         if name == REFERENCE and is_neutral:
             continue
-        configurations[name] = q_of_joints
+        configurations[name] = q_by_joint
     return configurations

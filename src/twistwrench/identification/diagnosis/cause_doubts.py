@@ -10,38 +10,48 @@ from ...core.text import Argument, Placeholder, listed, spell
 from .cause_fit import CauseFit
 from .diagnose import FoundCause, WantedCause
 
-_LOOK_AGAIN_EFFECT, _UNSURE_EFFECT = 0.05, 0.01
-"""Changes of predicted torques, as shares of a joint's torque, from which a cause makes the verdict LOOK AGAIN or UNSURE."""
+_LOOK_AGAIN_EFFECT = 0.05
+"""Change of predicted torques, as a share of a joint's torque, above which a cause makes the verdict LOOK AGAIN."""
+_UNSURE_EFFECT = 0.01
+"""Change of predicted torques, as a share of a joint's torque, above which a cause makes the verdict UNSURE."""
 _MIN_DELAY = 8e-3
-"""Minimum reported delay [s]."""
-_EQUAL_DELAY, _EQUAL_DELAY_SHARE = 2e-3, 0.1
-"""Absolute [s] and relative difference below which two delays are equal."""
+"""Smallest reported delay [s]."""
+_MAX_DELAY_DIFFERENCE = 2e-3
+"""Difference [s] up to which two delays are equal."""
+_MAX_RELATIVE_DELAY_DIFFERENCE = 0.1
+"""Relative difference up to which two delays are equal."""
 _MAX_BUS_DELAY = 30e-3
 """Longest delay [s] of a bus or a filter; a longer one suggests that positions are commands."""
 
 
 def cause_doubts(names: Sequence[str], causes: Iterable[FoundCause], taken_off: float) -> list[Doubt]:
-    """Doubts about the causes of the residual, in the order in which the causes were found; short delays are left out."""
+    """Doubts about the causes of the residual, in the order in which the causes were found; short delays are left out.
+
+    ``taken_off`` is the delay [s] that the fit has removed from the log.
+    """
     doubts: list[Doubt] = []
     for cause in causes:
-        is_short_delay = cause.kind == "late" and cause.value is not None and abs(float(cause.value[0])) < _MIN_DELAY
-        if not is_short_delay:
-            doubts.append(doubt_of_cause(names, cause, taken_off))
+        if cause.kind == "late" and cause.value is not None:
+            delay = float(cause.value[0])
+            if abs(delay) < _MIN_DELAY:
+                continue
+        doubts.append(doubt_of_cause(names, cause, taken_off))
     return doubts
 
 
-_OF_THE_ROBOT = ("load-friction", "stribeck")
-"""Laws that belong to the robot, not to a fault of its log, in the order in which they are fitted."""
+_ROBOT_LAWS = ("load-friction", "stribeck")
+"""Causes that are laws of the robot, not faults of its log, in the order in which they are fitted."""
 _MIN_DECREASE = 0.05
 """Relative decrease of the held-out residual from which a law is fitted."""
 _MAX_LAWS = 2
+"""Largest number of laws that are fitted."""
 
 
 def laws_of_the_robot(causes: Iterable[FoundCause]) -> tuple[WantedCause, ...]:
     """At most two laws of the robot that lower the residual of held-out rows by at least 5 %."""
     laws: list[WantedCause] = []
-    of_robot = [cause for cause in causes if cause.kind in _OF_THE_ROBOT]
-    for cause in sorted(of_robot, key=lambda cause: _OF_THE_ROBOT.index(cause.kind)):
+    law_causes = [cause for cause in causes if cause.kind in _ROBOT_LAWS]
+    for cause in sorted(law_causes, key=lambda cause: _ROBOT_LAWS.index(cause.kind)):
         is_of_all_joints = cause.kind == "stribeck" or len(cause.joints) == len(cause.fit.live)
         law = WantedCause(cause.kind, () if is_of_all_joints else cause.joints)
         max_squares = (1.0 - _MIN_DECREASE) ** 2 * _squared_residual(cause.before)
@@ -62,12 +72,12 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
     """
     joints = [names[k] for k in cause.joints]
     is_of_all_joints = len(joints) == len(names) > 1
-    named = "all joints" if is_of_all_joints else listed(joints)
+    joints_text = "all joints" if is_of_all_joints else listed(joints)
     row = doubt_table()[cause.kind]
     effect_level = _level_of_effect(cause.effect)
     level = _level_of_row(row, effect_level)
-    if taken_off is not None and cause.kind in _OF_THE_ROBOT:
-        level = "note"  # a law that rows held out confirm is fitted
+    if taken_off is not None and cause.kind in _ROBOT_LAWS:
+        level = "note"  # the fit contains the law if held-out rows confirm it
     words = _words(names, cause)
     if cause.kind == "late" and taken_off is not None:
         words["taken"], level = _delay_taken_off(cause.fit.states.shift, taken_off, effect_level)
@@ -81,8 +91,8 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
         "share": largest_share,
         "effect": cause.effect,
     }
-    log = f"log {cause.log}" if cause.log else ""
-    return doubt(cause.kind, joints, level=level, log=log, found=found, named=named, **words)
+    log_text = f"log {cause.log}" if cause.log else ""
+    return doubt(cause.kind, joints, level=level, log=log_text, found=found, named=joints_text, **words)
 
 
 def _level_of_effect(effect: float) -> Level:
@@ -94,10 +104,10 @@ def _level_of_effect(effect: float) -> Level:
     return "note"
 
 
-def _level_of_row(row: DoubtKind, of_effect: Level) -> Level:
-    """Level of a cause by its row in the table of doubts, and by its effect."""
-    if row.level == "effect" or (row.stage == 1 and of_effect == "note"):
-        return of_effect
+def _level_of_row(row: DoubtKind, effect_level: Level) -> Level:
+    """Level of a cause by its row in the table of doubts, and by the level of its effect."""
+    if row.level == "effect" or (row.stage == 1 and effect_level == "note"):
+        return effect_level
     return row.level
 
 
@@ -127,24 +137,29 @@ def _words(names: Sequence[str], cause: FoundCause) -> dict[str, str]:
 
 def _evidence(names: Sequence[str], cause: FoundCause) -> str:
     """Text of the share of a joint's residual that a cause explains, and of other causes that explain the log as well."""
-    worst, share = cause.most
-    evidence = f"it takes away {percent(share, 2)} of the residual of {names[worst]}"
+    joint, share = cause.most
+    evidence = f"it takes away {percent(share, 2)} of the residual of {names[joint]}"
     if not cause.rivals:
         return evidence
-    rivals: list[str] = []
+    rival_texts: list[str] = []
     for rival in cause.rivals:
         if rival.joints:
-            rivals.append(f"{rival.kind} of {listed([names[k] for k in rival.joints])}")
+            rival_texts.append(f"{rival.kind} of {listed([names[k] for k in rival.joints])}")
         elif rival.kind == cause.kind:
-            rivals.append(f"another {rival.kind}")
+            rival_texts.append(f"another {rival.kind}")
         else:
-            rivals.append(rival.kind)
-    return f"{evidence}; this log does not distinguish it from {listed(dict.fromkeys(rivals), 3)}"
+            rival_texts.append(rival.kind)
+    different_texts = dict.fromkeys(rival_texts)
+    return f"{evidence}; this log does not distinguish it from {listed(different_texts, 3)}"
 
 
 def _delay_taken_off(delay: float, taken_off: float, level: Level) -> tuple[str, Level]:
-    """Sentence on a delay [s] of which a fit has removed ``taken_off`` [s], and the level of the doubt."""
-    is_other_delay = abs(delay - taken_off) > max(_EQUAL_DELAY, _EQUAL_DELAY_SHARE * abs(delay))
+    """Sentence on a delay [s] of a log from which a fit has removed ``taken_off`` [s], and the level of the doubt.
+
+    The level is the given one if another delay was removed.
+    """
+    max_difference = max(_MAX_DELAY_DIFFERENCE, _MAX_RELATIVE_DELAY_DIFFERENCE * abs(delay))
+    is_other_delay = abs(delay - taken_off) > max_difference
     if is_other_delay:
         shift = spell(Argument("shift", Placeholder(seconds(delay, 3))))
         return f"The fit has {seconds(taken_off, 3)} s in its place: give {shift}.", level

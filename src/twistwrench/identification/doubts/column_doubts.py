@@ -19,8 +19,8 @@ _MAX_GRID_NOISE = 0.15
 
 
 def column_doubts(fit: FittedLog) -> Iterator[Doubt]:
-    """Doubts about dead, saturated and coarse columns."""
-    has_moved = np.any([moves(log.q[:, : len(fit.names)]) for log in fit.logs], axis=0)
+    """Doubts about dead, saturated, coarse and copied columns."""
+    has_moved = np.any([moves(log.q[:, : len(fit.names)]) for log in fit.logs], axis=0)  # (nv,) in any log
     has_changing_torques = any(moves(log.tau).any() for log in fit.logs)
     is_at_rest = not has_moved.any() and not has_changing_torques
     if is_at_rest:
@@ -34,10 +34,10 @@ def column_doubts(fit: FittedLog) -> Iterator[Doubt]:
     torques = np.concatenate([log.tau for log in fit.logs])
     yield from _copies(fit, torques)
     for k in np.flatnonzero(~fit.dead).tolist():
-        limit = cut_off(torques[:, k])
-        if limit is not None:
-            extreme, share = limit
-            yield doubt("saturated", fit.names[k : k + 1], extreme=number(extreme), rows=percent(share, 3))
+        saturation = cut_off(torques[:, k])
+        if saturation is not None:
+            extreme, share_of_rows = saturation
+            yield doubt("saturated", [fit.names[k]], extreme=number(extreme), rows=percent(share_of_rows, 3))
     yield from _coarse_positions(fit)
 
 
@@ -53,13 +53,13 @@ def _coarse_positions(fit: FittedLog) -> Iterator[Doubt]:
     cutoff = fit.settings.cutoff
     for k, name in enumerate(fit.names):
         grid = quantum([window.q[:, k] for log in fit.logs for window in log.windows])
-        acceleration = float(np.sqrt((fit.acceleration[:, k] ** 2).mean()))
+        rms_acceleration = float(np.sqrt((fit.acceleration[:, k] ** 2).mean()))
         # Rounding errors are white, of size σ = grid / √12, with density 2 σ² / rate. After the low-pass and two derivatives,
         # their mean square is 2 σ² / rate ∫ (2 π f)^4 df = 2 σ² / rate (2 π f)^4 f / 5 with the cut-off f.
         noise = grid / np.sqrt(12.0) * (2 * np.pi * cutoff) ** 2 * np.sqrt(2 * cutoff / fit.rate / 5.0)
-        if grid > 0 and acceleration > 0 and noise > _MAX_GRID_NOISE * acceleration:
-            share = percent(noise / acceleration, 3)
-            yield doubt("quantised", [name], grid=number(grid, 3), noise=share, cutoff=printed(cutoff))
+        if grid > 0 and rms_acceleration > 0 and noise > _MAX_GRID_NOISE * rms_acceleration:
+            noise_share = percent(noise / rms_acceleration, 3)
+            yield doubt("quantised", [name], grid=number(grid, 3), noise=noise_share, cutoff=printed(cutoff))
 
 
 _MAX_COPY_DIFFERENCE = 1e-9
@@ -74,20 +74,21 @@ def _copies(fit: FittedLog, torques: Array) -> Iterator[Doubt]:
         yield _copy_doubt(fit.names[j], fit.names[k], "torque", factor)
     positions = fit.q[:, : len(fit.names)]
     for j, k, factor in _proportional_columns(positions, np.ones(len(fit.names), bool)):
-        if abs(factor - 1.0) <= _MAX_COPY_DIFFERENCE:  # with another factor, the motion was planned so
+        if abs(factor - 1.0) <= _MAX_COPY_DIFFERENCE:  # proportional positions of a planned motion are no copies
             yield _copy_doubt(fit.names[j], fit.names[k], "position", factor)
 
 
-def _copy_doubt(first: str, second: str, what: str, factor: float) -> Doubt:
-    """Doubt about a column of the second joint that is a multiple of that of the first."""
+def _copy_doubt(first_joint: str, second_joint: str, quantity: str, factor: float) -> Doubt:
+    """Doubt about the column of the second joint, which is a multiple of the column of the first joint."""
     times = "" if abs(factor - 1.0) < _MAX_COPY_DIFFERENCE else f"{number(factor, 4)} times "
-    return doubt("copied", [first, second], what=what, times=times)
+    return doubt("copied", [first_joint, second_joint], what=quantity, times=times)
 
 
-def _proportional_columns(x: Array, live: Array) -> Iterator[tuple[int, int, float]]:
-    """Pairs of live columns of x (m, n) of which the second is a multiple of the first, with the factor."""
+def _proportional_columns(x: Array, is_live: Array) -> Iterator[tuple[int, int, float]]:
+    """Indices of pairs of live columns of x (m, n) of which the second is a multiple of the first, and the factor."""
     deviations = x.std(axis=0)
-    for j, k in combinations(np.flatnonzero(live & (deviations > 0)).tolist(), 2):
+    columns = np.flatnonzero(is_live & (deviations > 0)).tolist()
+    for j, k in combinations(columns, 2):
         factor = float(x[:, j] @ x[:, k] / (x[:, j] @ x[:, j]))
         is_equal = np.abs(x[:, k] - factor * x[:, j]) <= _MAX_COPY_DIFFERENCE * deviations[k]
         if is_equal.mean() > _MIN_COPIED_ROWS:

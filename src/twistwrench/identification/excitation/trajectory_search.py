@@ -30,7 +30,7 @@ from .trajectory_constraints import MAX_CHECK_STEP, TrajectoryConstraints, half_
 def typical_sizes(robot: Robot, bounds: Limits, series: WindowedFourierSeries) -> tuple[Array, Array]:
     """Typical sizes of positions, velocities and accelerations (3, nv), and middle positions (nv,).
 
-    Velocities and accelerations are those of the highest harmonic, as far as limits allow.
+    Typical velocities and accelerations belong to the highest harmonic, as far as limits allow.
     """
     half_range, middle = half_and_middle(bounds)
     has_both_limits = np.isfinite(half_range)
@@ -40,7 +40,8 @@ def typical_sizes(robot: Robot, bounds: Limits, series: WindowedFourierSeries) -
     velocity = np.minimum(bounds.velocity, position * rate)
     acceleration = np.minimum(bounds.acceleration, velocity * rate)
     nearest_to_0 = np.clip(0.0, bounds.lower, bounds.upper)
-    return np.stack([position, velocity, acceleration]), np.where(has_both_limits, middle, nearest_to_0)
+    middle_position = np.where(has_both_limits, middle, nearest_to_0)
+    return np.stack([position, velocity, acceleration]), middle_position
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +50,8 @@ class LimitBarrier:
 
     multipliers: Array  # (n, e), λ of each edge at each instant; or (1, 1) if all are equal
     rho: float = 1.0  # penalty ρ
-    aim: float = 2e-3  # s_0
-    finer: int = 1  # number of instants, as a multiple of the search's first ones
+    aim: float = 2e-3  # least distance s_0 from the edges
+    finer: int = 1  # refinement: ratio of the number of steps between instants to that of the first rounds
 
     def cost_and_forces(self, shares: Array) -> tuple[float, Array]:
         """Cost of the edges, and forces (n, e): its negative derivative by the shares (n, e)."""
@@ -61,10 +62,12 @@ class LimitBarrier:
         """Interpolate the multipliers to ``finer`` times as many instants, with the same sum."""
         if finer == self.finer:
             return self
-        factor, count = finer // self.finer, len(self.multipliers)
-        positions = np.arange(factor * (count - 1) + 1) / factor  # of the new instants among the old ones
-        refined = [np.interp(positions, np.arange(count), of_edge) / factor for of_edge in self.multipliers.T]
-        return replace(self, multipliers=np.stack(refined, axis=1), finer=finer)
+        factor = finer // self.finer
+        instant_count = len(self.multipliers)
+        old_positions = np.arange(instant_count)
+        new_positions = np.arange(factor * (instant_count - 1) + 1) / factor  # of the new instants among the old ones
+        refined_columns = [np.interp(new_positions, old_positions, column) / factor for column in self.multipliers.T]
+        return replace(self, multipliers=np.stack(refined_columns, axis=1), finer=finer)
 
 
 # A search has rounds. In each round, SciPy's L-BFGS-B minimises -merit and the cost of all limits at a few hundred instants
@@ -75,11 +78,18 @@ class LimitBarrier:
 # z. Their derivatives come from reverse mode for torques and regressor, and from the forces at the nearest points for
 # distances.
 
-_PER_PERIOD = 16  # instants per period of the highest harmonic at which the search evaluates limits
+_STEPS_PER_PERIOD = (
+    16  # steps between instants, per period of the highest harmonic, at which the search evaluates limits
+)
 _MIN_CHECK_REFINEMENT = 20  # minimum refinement of the instants for the final check
 _MARGIN = 1e-4  # share of each limit kept as a margin for times between instants
 _MERIT_REFINEMENT = 2  # refinement of the instants at which the merit is evaluated
-_ROUNDS = ((5.0, 60, 1), (20.0, 50, 1), (80.0, 50, 2), (320.0, 50, 2))
+_ROUNDS = (
+    (5.0, 60, 1),
+    (20.0, 50, 1),
+    (80.0, 50, 2),
+    (320.0, 50, 2),
+)
 """Rounds of each search with fixed multipliers: penalty ρ, maximum number of steps, and refinement of the instants."""
 _LOG_DET_ROUNDS = 2  # number of first rounds that use log det, for any criterion
 _LAST_ROUND = (1000.0, 40, 8)
@@ -111,22 +121,24 @@ class MotionSearch:
     @property
     def _check_refinement(self) -> int:
         """Refinement of the instants for the final check, with steps of at most :data:`MAX_CHECK_STEP`."""
-        search_steps = _PER_PERIOD * self.series.harmonics
-        return max(_MIN_CHECK_REFINEMENT, math.ceil(self.series.duration / (MAX_CHECK_STEP * search_steps)))
+        search_steps = _STEPS_PER_PERIOD * self.series.harmonics
+        required_refinement = math.ceil(self.series.duration / (MAX_CHECK_STEP * search_steps))
+        return max(_MIN_CHECK_REFINEMENT, required_refinement)
 
     def _basis(self, finer: int) -> Array:
         """(3, n, K) basis at the instants of the search, or at ``finer`` times as many."""
         if finer not in self._bases:
-            count = finer * _PER_PERIOD * self.series.harmonics + 1
-            self._bases[finer] = self.series.basis(np.linspace(0.0, self.series.duration, count))
+            instant_count = finer * _STEPS_PER_PERIOD * self.series.harmonics + 1
+            instants = np.linspace(0.0, self.series.duration, instant_count)
+            self._bases[finer] = self.series.basis(instants)
         return self._bases[finer]
 
     @cached_property
     def _units(self) -> Array:
         """(nv, K, K) coefficients of each joint per unit of z.
 
-        The first is the rest position, in units of the typical position. For the others, with the singular value
-        decomposition [Φ / q, Φ' / dq, Φ'' / ddq] / √n = U S V' of the basis over typical sizes, they are V / S.
+        The first z is the rest position, in units of the typical position. The other coefficients per unit of z are V / S,
+        by the singular value decomposition [Φ / q, Φ' / dq, Φ'' / ddq] / √n = U S V' of the basis over typical sizes.
         """
         units = np.zeros((self.typical.shape[1], self.series.count, self.series.count))
         basis = self._basis(1)
@@ -158,18 +170,18 @@ class MotionSearch:
     def random(self, rng: np.random.Generator) -> Array | None:
         """Random motion (nv, K) as wide as the limits allow at the instants of the search; None after many failures.
 
-        Each joint is scaled to its own limits; then all are narrowed together until the common limits hold too.
+        Each joint is scaled to its own limits. Then all joints are narrowed together until the common limits hold, too.
         """
-        b = self.constraints.bounds
+        bounds = self.constraints.bounds
         for _ in range(_MAX_RANDOM_TRIALS):
             z = rng.normal(size=(len(self.middle), self.series.count))
             z[:, 0] = rng.uniform(-0.6, 0.6, len(z))  # rest positions, not near the limits
             q, dq, ddq = self._states(z)
             q_rest = self.coefficients(z)[:, 0]
-            limits = np.stack([b.upper - q_rest, q_rest - b.lower, b.velocity, b.acceleration])
+            limits = np.stack([bounds.upper - q_rest, q_rest - bounds.lower, bounds.velocity, bounds.acceleration])
             peaks = np.stack([q - q_rest, q_rest - q, np.abs(dq), np.abs(ddq)]).max(axis=1)
-            width = (limits / np.maximum(peaks, 1e-12)).min(axis=0)
-            z[:, 1:] *= (1.0 - 2.0 * _MARGIN) * width[:, None]
+            max_width = (limits / np.maximum(peaks, 1e-12)).min(axis=0)  # of each joint, as a factor
+            z[:, 1:] *= (1.0 - 2.0 * _MARGIN) * max_width[:, None]
             motion = self.narrow_to_limits(z, 1)
             if motion is not None:
                 return motion
@@ -178,7 +190,7 @@ class MotionSearch:
     def narrow_to_limits(self, z: Array, finer: int) -> Array | None:
         """Narrow the motion about its rest position until all limits hold; None if it is not feasible.
 
-        It is infeasible if the rest position violates limits, or if even 2 % of its width do.
+        The motion is not feasible if its rest position violates limits, or if it violates limits with 2 % of its width.
         """
 
         def with_width(share: float) -> Array:
@@ -194,14 +206,14 @@ class MotionSearch:
         rest_state = self._states(with_width(0.0))[:, :1]  # the same at all instants
         if self.constraints.least(rest_state) < _MARGIN or not is_feasible(_MIN_WIDTH):
             return None
-        feasible, infeasible = _MIN_WIDTH, 1.0
+        feasible_share, infeasible_share = _MIN_WIDTH, 1.0
         for _ in range(_HALVINGS):
-            share = 0.5 * (feasible + infeasible)
+            share = 0.5 * (feasible_share + infeasible_share)
             if is_feasible(share):
-                feasible = share
+                feasible_share = share
             else:
-                infeasible = share
-        return with_width(feasible)
+                infeasible_share = share
+        return with_width(feasible_share)
 
     # ── Search
 
@@ -213,22 +225,23 @@ class MotionSearch:
             start = log_det_search._start(rng)
             if start is None:
                 return None
-            z, barrier = start, LimitBarrier(np.zeros((1, 1)))
-            for n, (rho, steps, finer) in enumerate(_ROUNDS, 1):
-                search = log_det_search if n <= _LOG_DET_ROUNDS else self
+            z = start
+            barrier = LimitBarrier(np.zeros((1, 1)))
+            for round_number, (rho, steps, finer) in enumerate(_ROUNDS, 1):
+                search = log_det_search if round_number <= _LOG_DET_ROUNDS else self
                 z, barrier = search._descend(z, replace(barrier, rho=rho).refine(finer), steps)
-                progress((k + n / len(_ROUNDS)) / (search_count + 1))
+                progress((k + round_number / len(_ROUNDS)) / (search_count + 1))
             narrowed = self.narrow_to_limits(z, 1)
             merit = -np.inf if narrowed is None else self.merit(narrowed)
             searches.append((merit, start, z, barrier))
         _, start, z, barrier = max(searches, key=lambda search: search[0])
-        finished = self.narrow_to_limits(self._finish(z, barrier), self._check_refinement)
+        finished_motion = self.narrow_to_limits(self._finish(z, barrier), self._check_refinement)
         narrowed_start = self.narrow_to_limits(start, self._check_refinement)
         progress(1.0)
-        return self._better(finished, narrowed_start)
+        return self._better(finished_motion, narrowed_start)
 
     def _better(self, first: Array | None, second: Array | None) -> Array | None:
-        """Motion with the larger merit, the first of equal ones; None if neither is feasible."""
+        """Motion with the larger merit, the first motion if they are equal; None if both are None."""
         if first is None:
             return second
         if second is None:
@@ -276,7 +289,9 @@ class MotionSearch:
         cost, forces = barrier.cost_and_forces(shares)
         merit_by_states = self.information.slopes(states, -merit_by_rows)  # of -merit
         cost_by_states = pullback(-forces)
-        by_coefficients = np.zeros_like(z)
-        by_coefficients += np.einsum("mnj,mnk->jk", merit_by_states, self._basis(_MERIT_REFINEMENT), optimize=True)
-        by_coefficients += np.einsum("mnj,mnk->jk", cost_by_states, self._basis(barrier.finer), optimize=True)
-        return cost - merit, np.einsum("jk,jkl->jl", by_coefficients, self._units).ravel()
+        slope_by_coefficients = np.zeros_like(z)
+        slope_by_coefficients += np.einsum(
+            "mnj,mnk->jk", merit_by_states, self._basis(_MERIT_REFINEMENT), optimize=True
+        )
+        slope_by_coefficients += np.einsum("mnj,mnk->jk", cost_by_states, self._basis(barrier.finer), optimize=True)
+        return cost - merit, np.einsum("jk,jkl->jl", slope_by_coefficients, self._units).ravel()

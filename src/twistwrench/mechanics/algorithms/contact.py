@@ -56,7 +56,7 @@ SLIDING_SOFTNESS = 0.01
 """Inertia of a joint that slides the wrong way, as a fraction of M_ii. Guesses may cycle if it exceeds the part of M_ii that
 the other joints leave. This small fraction costs one more guess if a joint reverses within a step."""
 NO_LIMIT = 1e30
-"""Represents the absence of a limit [N m or N]; finite in float32."""
+"""Limit that stands for none [N m or N]; finite in float32."""
 
 
 def velocity_step(
@@ -66,7 +66,7 @@ def velocity_step(
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Velocities after the step, the torques applied in it, and the friction torques; (nv,) each.
 
-    ``tau`` is the torque of the control law at dq, ``gains`` its -∂τ/∂dq per joint, ``push`` additional joint torques.
+    ``tau`` is the torque of the control law at dq, ``gains`` are kd = -∂τ/∂dq of each joint, ``push`` additional torques.
     """
     if limits is not None and gains is None:
         tau, limits = clip_torques(tau, limits), None
@@ -76,20 +76,20 @@ def velocity_step(
         return _StepEquations(
             model, q, dq, h, tau, gains, limits, viscous, dry_joints, friction, push, wrenches
         ).solve()
-    force = tau if push is None else tau + push
-    added_inertia = None  # of K in (4), with t = 0
+    joint_torques = tau if push is None else tau + push
+    added_inertia = None  # K - M of (4), with t = 0
     if gains is not None:
         added_inertia = h * (viscous + gains)
     elif friction:
         added_inertia = h * viscous
     if friction:
-        force = force - viscous * dq
-    change = h * forward_dynamics(model, q, dq, force, wrenches, added_inertia)
+        joint_torques = joint_torques - viscous * dq
+    v_change = h * forward_dynamics(model, q, dq, joint_torques, wrenches, added_inertia)
     if friction:  # c at the midpoint
-        change = h * forward_dynamics(model, q, dq + 0.5 * change, force, wrenches, added_inertia)
-    v = dq + change
-    applied = tau if gains is None else tau - gains * change  # (2)
-    return v, applied, -viscous * v
+        v_change = h * forward_dynamics(model, q, dq + 0.5 * v_change, joint_torques, wrenches, added_inertia)
+    v = dq + v_change
+    applied_tau = tau if gains is None else tau - gains * v_change  # (2)
+    return v, applied_tau, -viscous * v
 
 
 class _StepEquations:
@@ -109,25 +109,26 @@ class _StepEquations:
         drive_torques = tau
         if limits is not None:
             self.limits = np.array([limit.clip(0.0, NO_LIMIT) for limit in limits], object)
-            self.limited_joints = [i for i in range(n) if not is_zero(self.gains[i])]
+            self.limited_joints = [i for i in range(n) if not is_zero(self.gains[i])]  # others do not depend on v
             drive_torques = clip_torques(tau, limits)
         M = mass_matrix(model, q)
         self.sliding_inertia = SLIDING_SOFTNESS * M.diagonal()
         self.M_viscous = with_diagonal(M, h * viscous)  # M + h V
-        self.push = -viscous * dq if push is None else push - viscous * dq
+        self.push = -viscous * dq if push is None else push - viscous * dq  # with - V dq of (5)
         backward_friction, forward_friction = friction_bounds(model, dq, drive_torques)
         self.backward_impulse, self.forward_impulse = h * backward_friction, h * forward_friction
 
     def solve(self) -> tuple[Array, Array, Array]:
         """v, τ and the friction torques of the last guess; torques are within their limits for any guess."""
-        s, t = zeros(len(self.dq)) + 1.0, zeros(len(self.dq))
+        s = zeros(len(self.dq)) + 1.0  # joints without dry friction slide
+        t = zeros(len(self.dq))
         directions = signs(self.dq)
         for i in self.dry_joints:
             s[i] = directions[i]  # moving joints slide on, resting joints stick
-        self.load = self.push - bias_forces(self.model, self.q, self.dq, self.wrenches)
+        self.load = self.push - bias_forces(self.model, self.q, self.dq, self.wrenches)  # - c - g - V dq of (5)
         v, friction_impulse, tau = self._step_for_guess(s, t)
-        guesses = _GUESSES_WITH_LIMITS if self.limited_joints else _GUESSES
-        for _ in range(guesses - 1):
+        guess_count = _GUESSES_WITH_LIMITS if self.limited_joints else _GUESSES
+        for _ in range(guess_count - 1):
             s, t = self._next_slips(s, v, friction_impulse), self._next_limits(t, tau)
             v, friction_impulse, tau = self._step_for_guess(s, t)
         if self.friction:  # c at the midpoint
@@ -137,7 +138,7 @@ class _StepEquations:
             guessed_tau = self._torques_at_limits(t, tau)
             tau = clip_torques(guessed_tau, self.limits)
             excess_impulse = self.h * (tau - guessed_tau)  # zero if the guess was right
-            v = v + self._velocity_changes(self.M_viscous, s * s, excess_impulse)
+            v = v + self._sliding_velocities(self.M_viscous, s * s, excess_impulse)
         return v, tau, -self.viscous * v - friction_impulse / self.h
 
     def _step_for_guess(self, s: Array, t: Array) -> tuple[Array, Array, Array]:
@@ -145,19 +146,20 @@ class _StepEquations:
 
         x is the change of velocity of joints that slide, and the velocity 0 of joints that stick.
         """
-        slides, within = s * s, 1.0 - t * t
-        K = with_diagonal(self.M_viscous, self.h * within * self.gains)  # (4)
+        slides = s * s  # 1 for joints that slide, 0 for joints that stick
+        is_within_limit = 1.0 - t * t
+        K = with_diagonal(self.M_viscous, self.h * is_within_limit * self.gains)  # (4)
         # K (v - dq) moves the velocities dq of sticking joints to the right side, where they act like an impulse.
         impulse = self.h * (self.load + self._torques_at_limits(t, self.tau)) + K @ ((1.0 - slides) * self.dq)
         dry_impulse = self._dry_impulses(s)
-        x = self._velocity_changes(K, slides, impulse - dry_impulse)
+        x = self._sliding_velocities(K, slides, impulse - dry_impulse)
         v = slides * self.dq + x  # (5)
         friction_impulse = dry_impulse + (1.0 - slides) * (impulse - K @ x)  # (6)
         law_torque = self.tau - self.gains * (v - self.dq)  # (2)
         return v, friction_impulse, law_torque
 
     def _next_slips(self, s: Array, v: Array, friction_impulse: Array) -> Array:
-        """Improved guess of sliding joints: a joint moving against its friction sticks, one beyond its bound slides."""
+        """Improved guess s: a joint that moves against its friction sticks, a joint whose friction exceeds its bound slides."""
         s = s.copy()
         for i in self.dry_joints:
             x = self.sliding_inertia[i] * v[i] + friction_impulse[i]
@@ -165,7 +167,7 @@ class _StepEquations:
         return s
 
     def _next_limits(self, t: Array, tau: Array) -> Array:
-        """Improved guess of torques at their limits: the law's torque returns within its limit, or exceeds it.
+        """Improved guess t: the control law's torque returns within its limit, or exceeds it.
 
         If a torque was guessed at its limit, its distance from the limit is divided by 1 + r, r = h kd / (softness M_ii): the
         rate gain, which (4) left out for this guess, would reduce the distance.
@@ -180,7 +182,7 @@ class _StepEquations:
         return t
 
     def _torques_at_limits(self, t: Array, tau: Array) -> Array:
-        """Torques of a guess: the limit for joints guessed at their limits, else ``tau``."""
+        """Torques of a guess: the limits of joints that are guessed at their limits, ``tau`` for the others."""
         torques = tau.copy()
         for i in self.limited_joints:
             torques[i] = (1.0 - t[i] * t[i]) * tau[i] + t[i] * self.limits[i]
@@ -197,7 +199,7 @@ class _StepEquations:
                 impulses[i] = 0.5 * s[i] * (s[i] * (forward - backward) + (forward + backward))
         return impulses
 
-    def _velocity_changes(self, K: Array, slides: Array, impulse: Array) -> Array:
+    def _sliding_velocities(self, K: Array, slides: Array, impulse: Array) -> Array:
         """Velocities of the sliding joints due to impulses while the others stick; exactly 0 for sticking joints."""
         K_sliding = K.copy()  # without entries that couple sticking joints; only the lower triangle is used
         for i in range(len(K)):
@@ -256,9 +258,9 @@ def plane_contact(
 def stop_contact(
     q: Array, dq: Array, indices: Sequence[tuple[int, int]], exponent: float, lower: Array, upper: Array, law: Array
 ) -> tuple[Array, Array]:
-    """Torques of stops, (nv,), and the penetration of the nearer stop of each joint, (m,).
+    """Torques of stops, (nv,), and the depth in the nearer stop of each of m joints, (m,).
 
-    ``indices`` of each joint are its places in q and in dq; ``law`` is (k, c).
+    ``indices`` has the index in q and in dq of each joint; ``lower`` and ``upper`` are (m,); ``law`` is (k, c).
     """
     k, c = law
     tau, depths = zeros(len(dq)), zeros(len(indices))

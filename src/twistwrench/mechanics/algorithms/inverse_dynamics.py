@@ -1,8 +1,8 @@
 """Newton–Euler inverse dynamics on trees (MR section 8.3), and its regressor.
 
-The laws of Newton and Euler hold in every inertial frame. For each body, the inertial frame that at this instant moves with the
-body's origin is used. There v = 0, the linear part of dV is the ordinary acceleration ``a`` of the origin, and (8.51)–(8.53)
-lose a third of their terms. The acceleration of a body point at r is then ``a + U r`` with
+The laws of Newton and Euler hold in every inertial frame. Each body has its own: the frame that at this instant moves with the
+body's origin. In it v = 0, and the linear part of dV is the ordinary acceleration ``a`` of the origin. So (8.51)–(8.53) lose a
+third of their terms. The acceleration of a body point at r is ``a + U r`` with
 
     U = [dw] + [w]²,      the upper left block of  T⁻¹ T̈ = [dV] + [V]².
 """
@@ -24,6 +24,7 @@ from .friction import friction_forces
 from .recursion import ancestors, armature_forces, collect, inward, joint_poses, outward, spread, spring_forces, zeros
 
 Wrenches = Mapping[str, Array]
+"""Wrenches that the robot exerts, by frame and in the axes of the frame."""
 
 
 @dataclass
@@ -44,7 +45,7 @@ class BodyMotion:
 def body_motions(
     model: Model, T: Sequence[Array], dq: Array, ddq: Array, gravity: bool = True
 ) -> Iterator[tuple[int, BodyMotion]]:
-    """(body, its motion) from the base outward; with gravity, the base accelerates upward."""
+    """Pairs (index of body, its motion) from the base outward; with ``gravity``, the base accelerates upward."""
     Adq, Addq = spread(model, dq), spread(model, ddq)
     base_acceleration = -model.gravity if gravity else zeros(3)
     motions = {BASE: BodyMotion(zeros(3), zeros(3), base_acceleration)}
@@ -63,10 +64,7 @@ def body_motions(
 def joint_wrenches(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None, gravity: bool = True
 ) -> Array:
-    """Wrench that each body receives through its joint, in its own frame; (nbodies, 6).
-
-    ``wrenches`` are exerted by the robot, at the named frames and in their axes.
-    """
+    """Wrench that each body receives through its joint, in the body's frame; (nbodies, 6)."""
     T = joint_poses(model, q)
     F: dict[int, Array] = {}
     for i, motion in body_motions(model, T, dq, ddq, gravity):
@@ -80,7 +78,7 @@ def joint_wrenches(
 
 
 def applied_wrenches(model: Model, wrenches: Wrenches | None) -> Iterator[tuple[int, Array]]:
-    """(body, wrench in its frame) for the robot's wrenches at frames; wrenches at the base have no effect and are skipped."""
+    """Pairs (index of body, wrench in the body's frame); wrenches at the base have no effect and are left out."""
     for name, F_by in (wrenches or {}).items():
         frame = model.frame(name)
         if frame.body != BASE:
@@ -94,8 +92,8 @@ def inertial_wrench(G: SpatialInertia, motion: BodyMotion) -> Array:
 
         n = I dw + w × I w + h × a,   f = m a + U h
 
-    The row x of I dw + w × I w is written with entries of U, which are already computed. Without products of inertia it is
-    Euler's equation, I_xx dw_x + (I_zz - I_yy) w_y w_z. The rows y and z follow by cyclic exchange.
+    Row x of I dw + w × I w is written with entries of U, which are computed for f anyway. Without products of inertia it is
+    Euler's equation, I_xx dw_x + (I_zz - I_yy) w_y w_z. Rows y and z follow by cyclic exchange.
     """
     m, h, I = G.mass, G.first_moment, G.moment_about_origin
     w, dw, a, U = motion.w, motion.dw, motion.a, motion.U
@@ -121,18 +119,18 @@ def inverse_dynamics(
 
 
 def bias_forces(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> Array:
-    """h = c + g plus spring torques; (nv,). MR section 8.4."""
+    """h = c + g, Σ J'F_by and spring torques; (nv,). MR section 8.4."""
     return inverse_dynamics(model, q, dq, zeros(model.nv), wrenches)
 
 
 def coriolis_forces(model: Model, q: Array, dq: Array) -> Array:
-    """c, the centripetal and Coriolis terms; (nv,)."""
+    """Centripetal and Coriolis terms c; (nv,)."""
     ddq = zeros(model.nv)
     return collect(model, joint_wrenches(model, q, dq, ddq, gravity=False)) + armature_forces(model, dq, ddq)
 
 
 def gravity_forces(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
-    """g, plus Σ J'F_by if wrenches are given; (nv,)."""
+    """Gravity torques g, plus Σ J'F_by if wrenches are given, without springs; (nv,)."""
     dq = ddq = zeros(model.nv)
     return collect(model, joint_wrenches(model, q, dq, ddq, wrenches))
 
@@ -147,7 +145,7 @@ def drive_torques(
 ) -> tuple[Array, Array]:
     """Torques of gears and of rotors at the joints, which add up to τ; (nv,) each. MR section 8.9.3."""
     F = joint_wrenches(model, q, dq, ddq, wrenches)
-    is_rotor = np.array([[float(not body.joint.moves_body)] for body in model.bodies])
+    is_rotor = np.array([[float(not body.joint.moves_body)] for body in model.bodies])  # 1 or 0 for each row of F
     rotor_torques = collect(model, is_rotor * F) + armature_forces(model, dq, ddq)
     gear_torques = collect(model, (1.0 - is_rotor) * F) + spring_forces(model, q)
     return gear_torques, rotor_torques
@@ -171,7 +169,7 @@ def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
         for k, unit_inertia in enumerate(_UNIT_INERTIAS):
             column = 10 * i + k
             F = inertial_wrench(unit_inertia, motion)
-            for j in ancestors(model, i):
+            for j in ancestors(model, i):  # from body i to the base
                 body = model.bodies[j]
                 _, rows = body.places
                 Y[rows, column] = Y[rows, column] + body.ratio * (body.joint.axes @ F)

@@ -16,10 +16,12 @@ from ...core.numbers import printed
 from ...core.typing import Array
 from ..lie import se3, so3
 
-# Coefficients of 1, x, x², … with x = t/T
-_CUBIC = (0.0, 0.0, 3.0, -2.0)
-_QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
-_UNIFORM = (0.0, 1.0)
+# Coefficients of 1, x, x², … with x = t / T
+_CUBIC_COEFFICIENTS = (0.0, 0.0, 3.0, -2.0)
+_QUINTIC_COEFFICIENTS = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
+_UNIFORM_COEFFICIENTS = (0.0, 1.0)
+_ROUNDING = 1e-12
+"""Relative rounding error of arguments at a bound."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Polynomial:
     name: str
     """Name of the shape."""
     duration: float
-    """T [s]."""
+    """Duration T [s]."""
     coefficients: tuple[float, ...]
     """Coefficients of 1, x, x², … with x = t / T."""
 
@@ -38,11 +40,11 @@ class Polynomial:
         t = arguments.real(t, "t")
         x = np.clip(t / self.duration, 0.0, 1.0)
         is_moving = self._is_moving(t)
-        first = derivative_coefficients(self.coefficients)
-        second = derivative_coefficients(first)
+        first_derivative = derivative_coefficients(self.coefficients)
+        second_derivative = derivative_coefficients(first_derivative)
         s = horner(self.coefficients, x)
-        ds = np.where(is_moving, horner(first, x) / self.duration, 0.0)
-        dds = np.where(is_moving, horner(second, x) / self.duration**2, 0.0)
+        ds = np.where(is_moving, horner(first_derivative, x) / self.duration, 0.0)
+        dds = np.where(is_moving, horner(second_derivative, x) / self.duration**2, 0.0)
         return s, ds, dds
 
     def _is_moving(self, t: Array) -> Array:
@@ -66,10 +68,11 @@ class Polynomial:
         27.6
         """
         t = arguments.real(t, "t")
+        x = np.clip(t / self.duration, 0.0, 1.0)
         coefficients = self.coefficients
         for _ in range(3):
             coefficients = derivative_coefficients(coefficients)
-        third_by_x = horner(coefficients, np.clip(t / self.duration, 0.0, 1.0))
+        third_by_x = horner(coefficients, x)
         return np.where(self._is_moving(t), third_by_x / self.duration**3, 0.0)
 
     def stretched(self, duration: float) -> Polynomial:
@@ -94,7 +97,7 @@ def horner(coefficients: tuple[float, ...], x: Array) -> Array:
 def derivative_coefficients(coefficients: tuple[float, ...]) -> tuple[float, ...]:
     """Coefficients of the polynomial's derivative."""
     multiplied = [power * coefficient for power, coefficient in enumerate(coefficients)]
-    return tuple(multiplied[1:])
+    return tuple(multiplied[1:])  # without the constant term, whose derivative is 0
 
 
 def cubic_share(x: Any) -> Any:
@@ -116,7 +119,7 @@ def cubic(duration: float) -> Polynomial:
     >>> round(float(s), 12), round(float(ds), 12), round(float(dds), 12)
     (0.216, 0.63, 0.6)
     """
-    return Polynomial("cubic", _positive(duration, "duration"), _CUBIC)
+    return Polynomial("cubic", _positive(duration, "duration"), _CUBIC_COEFFICIENTS)
 
 
 def quintic(duration: float) -> Polynomial:
@@ -130,7 +133,7 @@ def quintic(duration: float) -> Polynomial:
     >>> float(s), float(ds), float(dds)
     (0.5, 0.9375, 0.0)
     """
-    return Polynomial("quintic", _positive(duration, "duration"), _QUINTIC)
+    return Polynomial("quintic", _positive(duration, "duration"), _QUINTIC_COEFFICIENTS)
 
 
 def uniform(duration: float) -> Polynomial:
@@ -143,7 +146,7 @@ def uniform(duration: float) -> Polynomial:
     >>> [float(x) for x in uniform(2.0)(0.5)]
     [0.25, 0.5, 0.0]
     """
-    return Polynomial("uniform", _positive(duration, "duration"), _UNIFORM)
+    return Polynomial("uniform", _positive(duration, "duration"), _UNIFORM_COEFFICIENTS)
 
 
 @dataclass(frozen=True)
@@ -177,8 +180,10 @@ class Trapezoid:
         t_a = self.ramp
         t_up = np.clip(t, 0.0, t_a)  # time since the start, up to t_a
         t_down = np.clip(T - t, 0.0, t_a)  # time until the end, up to t_a
-        t_coast = np.clip(t - t_a, 0.0, max(T - 2 * t_a, 0.0))
-        s = np.where(t < T - t_a, 0.5 * a * t_up * t_up + v * t_coast, 1.0 - 0.5 * a * t_down * t_down)
+        t_coast = np.clip(t - t_a, 0.0, max(T - 2 * t_a, 0.0))  # time of coasting up to t
+        s_before_ramp_down = 0.5 * a * t_up * t_up + v * t_coast
+        s_after = 1.0 - 0.5 * a * t_down * t_down
+        s = np.where(t < T - t_a, s_before_ramp_down, s_after)
         ds = np.minimum(a * np.minimum(t_up, t_down), v)
         speeds_up = (t >= 0) & (t < t_a)
         slows_down = (t > T - t_a) & (t <= T)
@@ -228,7 +233,7 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
     T = given_options["duration"]
     if "v" in given_options:
         v = given_options["v"]
-        if not 1.0 < v * T <= 2.0 * (1 + 1e-12):
+        if not 1.0 < v * T <= 2.0 * (1 + _ROUNDING):
             raise ValueRangeError(
                 f"v = {printed(v)} over T = {printed(T)} does not allow a trapezoid: 1 < v T ≤ 2 is needed, so "
                 f"v above {printed(1 / T)} and up to {printed(2 / T)}."
@@ -236,7 +241,7 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
         a = max(v * v / (v * T - 1.0), v * v)  # MR eq. 9.18; at v T = 2, rounding must not make it less than v²
         return Trapezoid(v, a)
     a = given_options["a"]
-    if a * T * T < 4.0 * (1 - 1e-12):
+    if a * T * T < 4.0 * (1 - _ROUNDING):
         raise ValueRangeError(
             f"a = {printed(a)} over T = {printed(T)} is too slow: a T² ≥ 4 is needed, so a from {printed(4 / T**2)} or "
             f"T from {printed(2 / a**0.5)}."
@@ -267,23 +272,24 @@ class Averaged:
     def _second_integral(self) -> tuple[Any, Array]:
         """Second integral of the scaling before averaging, extended beyond both ends, and the times of its knots.
 
-        Each average is a difference of integrals, so two averages are differences of the second integral. Before its first
-        knot the scaling is 0, after its last knot 1.
+        Each average is a difference of integrals, so two averages are differences of the second integral. The scaling is 0
+        before its first knot, and 1 after its last knot.
         """
         from scipy.interpolate import PPoly
 
         durations = 2.0 * np.diff(self.places) / (self.rates[1:] + self.rates[:-1])  # the rate is linear in time
-        t = np.concatenate([[0.0], np.cumsum(durations)])
+        knot_times = np.concatenate([[0.0], np.cumsum(durations)])
+        # Coefficients of t², t and 1 of each piece, in its rows.
         pieces = np.stack([0.5 * np.diff(self.rates) / durations, self.rates[:-1], self.places[:-1]])
-        one = np.array([[0.0], [0.0], [1.0]])  # coefficients of t², t and 1
-        margin = sum(self.windows)
-        breaks = np.concatenate([[-margin - 1.0], t, [t[-1] + margin + 1.0]])
-        scaling = PPoly(np.concatenate([0.0 * one, pieces, one], axis=1), breaks)
-        return scaling.antiderivative(2), t
+        constant_0, constant_1 = np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])
+        margin = sum(self.windows)  # the longest shift of the time; 1 s more on both sides
+        breaks = np.concatenate([[-margin - 1.0], knot_times, [knot_times[-1] + margin + 1.0]])
+        scaling = PPoly(np.concatenate([constant_0, pieces, constant_1], axis=1), breaks)
+        return scaling.antiderivative(2), knot_times
 
     @cached_property
     def duration(self) -> float:
-        """T [s]."""
+        """Duration T [s]."""
         _, knot_times = self._second_integral
         return float(knot_times[-1]) + sum(self.windows)
 
@@ -374,6 +380,7 @@ def s_curve(duration: float, *, alpha: float = 1 / 3, beta: float = 1 / 3) -> Av
 
 
 def _positive(x: Any, name: str) -> float:
+    """Finite number above zero. Raises ValueRangeError for another; ``name`` is its name in the message."""
     value = arguments.number(x, name)
     if not 0 < value < np.inf:
         raise ValueRangeError(f"{name} is {printed(value)}: a motion takes a finite {name} above zero.")
@@ -461,11 +468,12 @@ def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:
 
 
 def _poses(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
-    """Both ends of a path as single poses; raises an error if one is not."""
+    """Both ends of a path as single poses (4, 4); raises an error for other input."""
     return _single_pose(start, "start"), _single_pose(end, "end")
 
 
 def _single_pose(T: ArrayLike, name: str) -> Array:
+    """Pose (4, 4). Raises an error for other input; ``name`` is its name in the message."""
     pose = np.asarray(arguments.pose(arguments.finite(T, name, 4, 4), name), float)
     if pose.shape != (4, 4):
         raise ShapeError(f"{name} has shape {pose.shape}: a path leads from one pose (4, 4) to another.")

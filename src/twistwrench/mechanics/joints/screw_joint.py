@@ -1,4 +1,4 @@
-"""Joints of one degree of freedom, by screw axis: revolute, continuous, prismatic, helical; and rotors. MR eq. 3.88."""
+"""Joints of one degree of freedom, given by a screw axis: revolute, continuous, prismatic, helical and rotor. MR eq. 3.88."""
 
 from __future__ import annotations
 
@@ -17,31 +17,33 @@ from .joint import ChartEntry, Joint, Slider
 
 
 def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """Return ``values`` as a new array of finite floats. Raises :class:`~twistwrench.ModelError` that names ``what``."""
+    """New array of finite floats. Raises :class:`~twistwrench.ModelError` for other values; ``what`` is their name in it."""
     try:
         array = np.array(values, float)
     except (TypeError, ValueError):
         raise ModelError(f"{what} is {values!r}, expected {_shape_text(shape)}.") from None
     if array.shape != shape:
         raise ModelError(f"{what} has shape {array.shape}, expected {_shape_text(shape)}.")
-    if not all(map(math.isfinite, array.ravel().tolist())):
+    all_numbers = array.ravel().tolist()  # as a list, short arrays are tested faster
+    if not all(map(math.isfinite, all_numbers)):
         raise ModelError(f"{what} is {array.tolist()}; every number must be finite.")
     return array
 
 
 def number(value: float | ArrayLike, what: str) -> float:
-    """Return ``value`` as a finite float. Raises :class:`~twistwrench.ModelError` that names ``what``."""
+    """Finite float. Raises :class:`~twistwrench.ModelError` for another value; ``what`` is its name in it."""
     if isinstance(value, float) and math.isfinite(value):  # the usual case, without an array
         return float(value)
     return float(numbers(value, (), what))
 
 
 def _shape_text(shape: tuple[int, ...]) -> str:
+    """Text that says which numbers are expected."""
     return f"numbers of shape {shape}" if shape else "a number"
 
 
 def direction_of(axis: ArrayLike, who: str) -> Array:
-    """Nonzero direction (3,), not normalised. Raises ModelError for a zero axis."""
+    """Nonzero direction (3,), not normalised. Raises ModelError for a zero axis; ``who`` names the joint in messages."""
     direction = numbers(axis, (3,), f"the axis of {who}")
     if not direction.any():
         raise ModelError(f"{who} has a zero axis, so it has no direction to move in. Give an axis such as 0 0 1.")
@@ -49,7 +51,7 @@ def direction_of(axis: ArrayLike, who: str) -> Array:
 
 
 def no_pitch(kind: str, pitch: float, who: str) -> None:
-    """Raise ModelError if a joint without pitch is given one."""
+    """Raise ModelError for a nonzero pitch of a joint whose kind has none."""
     if number(pitch, f"the pitch of {who}"):
         raise ModelError(f"{who} is {kind} and has a pitch of {printed(pitch)} m/rad; only helical joints have one.")
 
@@ -57,8 +59,8 @@ def no_pitch(kind: str, pitch: float, who: str) -> None:
 def screw_of(kind: str, turning: bool, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
     """Screw axis (6,) of a joint that rotates (``turning``) or slides.
 
-    ``axis`` is a direction (3,), to which the pitch is added, or a whole screw axis (6,), which needs no pitch. With
-    ``normalise`` its direction becomes a unit vector.
+    ``axis`` is a direction (3,), to which the pitch is added, or a screw axis (6,), which contains the pitch. With
+    ``normalise`` the direction becomes a unit vector.
     """
     if np.shape(axis) == (6,):
         if pitch:
@@ -76,7 +78,7 @@ def screw_of(kind: str, turning: bool, axis: ArrayLike, pitch: float, normalise:
 
 
 def _checked_screw(kind: str, turning: bool, screw: Array, normalise: bool, who: str) -> Array:
-    """Given screw axis (6,), normalised if requested; raises ModelError unless it suits the kind of joint."""
+    """The given screw axis (6,), normalised if requested. Raises ModelError if it does not suit the kind of joint."""
     omega, v = screw[:3], screw[3:]
     if not omega.any() and not v.any():
         raise ModelError(f"{who} has a zero screw axis, so it does not move. Give (omega, v) with a nonzero part.")
@@ -99,12 +101,12 @@ def screw_through(kind: str, direction: Array, point: Array) -> Array:
 
 
 def unit_vector(v: Array) -> Array:
-    """Unit vector along v. Scaled by the largest entry first, so that multiples of coordinate axes become exact."""
+    """Unit vector along v (3,), exact for multiples of coordinate axes."""
     entries = v.tolist()
     nonzero_count = len(entries) - entries.count(0.0)
     if nonzero_count == 1:  # coordinate axes, the usual case in files
         return np.sign(v)
-    scaled = v / np.abs(v).max()
+    scaled = v / np.abs(v).max()  # so that squares neither overflow nor vanish
     return np.array(scaled / np.linalg.norm(scaled))
 
 
@@ -123,7 +125,8 @@ def plane_of(normal: Array) -> Array:
         sine = float(np.linalg.norm(rotation_axis))
         cosine = float(normal[2])
         if sine > 0:
-            R = so3.exp(rotation_axis / sine * np.arctan2(sine, cosine))
+            angle = np.arctan2(sine, cosine)
+            R = so3.exp(rotation_axis / sine * angle)
         else:  # normal -z: half a turn about x
             R = np.diag([1.0, -1.0, -1.0])
         e1, e2 = R[:, 0], R[:, 1]
@@ -141,7 +144,7 @@ class ScrewJoint(Joint):
 
     @classmethod
     def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-        """Screw axis from a direction or a given screw axis."""
+        """Screw axis (1, 6) from a direction (3,) or a screw axis (6,)."""
         no_pitch(cls.kind, pitch, who)
         return screw_of(cls.kind, cls.turns, axis, 0.0, normalise, who)[None, :]
 
@@ -152,7 +155,8 @@ class ScrewJoint(Joint):
     def carry(self, G: SpatialInertia, q: Array) -> SpatialInertia:
         """Inertia of the carried body; a rotation about a coordinate axis takes fewer operations."""
         axis = self.axes[0]
-        if np.count_nonzero(axis) == 1 and axis[:3].any():
+        turns_about_coordinate_axis = np.count_nonzero(axis) == 1 and axis[:3].any()
+        if turns_about_coordinate_axis:
             k = int(np.argmax(np.abs(axis)))
             return G.turned(k, axis[k] * q[0])
         return G.in_frame(self.pose(q))
@@ -167,8 +171,8 @@ class ScrewJoint(Joint):
     def sliders(self) -> tuple[Slider, ...]:
         """Slider in degrees for an angle, in metres for a displacement."""
         if self.turning[0]:
-            return (Slider("", 0, "°", math.pi),)
-        return (Slider("", 0, "m", 1.0),)
+            return (Slider("", 0, "°", math.pi),)  # ± 180°
+        return (Slider("", 0, "m", 1.0),)  # ± 1 m
 
 
 def screw_motion(axis: Array, theta: Any) -> Array:
@@ -228,7 +232,7 @@ class Helical(ScrewJoint):
 
     @classmethod
     def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-        """Screw axis from a direction and a pitch."""
+        """Screw axis (1, 6) from a direction (3,) and a pitch [m/rad], or from a screw axis (6,)."""
         pitch = float(numbers(pitch, (), f"the pitch of {who}"))
         return screw_of(cls.kind, True, axis, pitch, normalise, who)[None, :]
 
@@ -236,7 +240,7 @@ class Helical(ScrewJoint):
 class RotorJoint(ScrewJoint):
     """Joint of a body of revolution that an actuator rotates on the link that carries it.
 
-    Its inertia does not depend on its angle; so its frame does not rotate.
+    The inertia of such a body does not depend on its angle, so its frame does not rotate.
     """
 
     kind = "rotor"

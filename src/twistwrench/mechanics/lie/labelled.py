@@ -17,7 +17,7 @@ from .adjoint import Ad, ad
 
 
 def frame_name(name: object, role: str) -> str:
-    """Return the name of a frame, checked."""
+    """Return the name of a frame; raises FrameError unless it is a text that is not empty. ``role`` names it in the message."""
     if not isinstance(name, str) or not name:
         raise FrameError(f"{role} is {name!r}; a frame's name is a text that is not empty, such as 'b' or 'tool0'.")
     return name
@@ -39,7 +39,7 @@ def hash_of(numbers: Array, *names: object) -> int:
 
 
 def missing_pose(to: str, of: str) -> str:
-    """Definition of the pose of {of} in {to}, as advice in a message."""
+    """Text that defines the pose of {of} in {to}, as advice in a message."""
     return f"{symbol('T', to, of)} = Pose(…, to={to!r}, of={of!r})"
 
 
@@ -57,8 +57,8 @@ class Labelled:
     """Name of the quantity: twist or wrench."""
     _letter: ClassVar[str]
     """Letter of the book, V or F."""
-    _halves: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
-    """Name and unit of the angular and of the linear part."""
+    _names_and_units: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
+    """Name and unit of the angular part, then of the linear part."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -100,17 +100,18 @@ class Labelled:
         return self.values.shape[:-1]
 
     def __repr__(self) -> str:
-        halves = (self.values[..., :3], self.values[..., 3:])
+        parts = (self.values[..., :3], self.values[..., 3:])
         title = f"{type(self).__name__} in {self.frame!r}"
+        texts = []
         if not self.shape:
-            texts = [f"{name} = {vector(half)} {unit}" for (name, unit), half in zip(self._halves, halves, strict=True)]
+            for (name, unit), part in zip(self._names_and_units, parts, strict=True):
+                texts.append(f"{name} = {vector(part)} {unit}")
             return f"{title}: {', '.join(texts)}"
         title += f", batch {self.shape}"
-        if self.values.dtype == object or not self.values.size:
+        if self.values.dtype == object or not self.values.size:  # symbols, or an empty batch
             return title
-        texts = []
-        for (name, unit), half in zip(self._halves, halves, strict=True):
-            largest = np.linalg.norm(half, axis=-1).max()
+        for (name, unit), part in zip(self._names_and_units, parts, strict=True):
+            largest = np.linalg.norm(part, axis=-1).max()
             texts.append(f"|{name}| up to {number(largest, 6)} {unit}")
         return f"{title}: {', '.join(texts)}"
 
@@ -118,11 +119,10 @@ class Labelled:
         return np.array(self.values, dtype, copy=copy)
 
     def __getitem__(self, rows: Any) -> Self:
-        all_rows = np.arange(self.values.size // 6).reshape(
-            self.shape
-        )  # so that ``rows`` cannot index the six components
+        # Row numbers are indexed instead of the values, so that ``rows`` cannot index the six components.
+        row_numbers = np.arange(self.values.size // 6).reshape(self.shape)
         try:
-            selected_rows = all_rows[rows]
+            selected_rows = row_numbers[rows]
         except IndexError as error:
             raise ShapeError(f"no row {rows!r} in a {self._kind} of batch shape {self.shape}: {error}.") from None
         return type(self)(self.values.reshape(-1, 6)[selected_rows], self.frame)
@@ -133,7 +133,7 @@ class Labelled:
         return (type(self)(row, self.frame) for row in self.values)
 
     def __add__(self, other: Any) -> Self:
-        if not isinstance(other, Labelled) and np.ndim(other) == 0 and other == 0:  # for sum()
+        if not isinstance(other, Labelled) and np.ndim(other) == 0 and other == 0:  # sum() begins with 0
             return self
         own_values, other_values = self._values_of_both(other, "+")
         return type(self)(own_values + other_values, self.frame)
@@ -150,15 +150,16 @@ class Labelled:
     def __mul__(self, factor: ArrayLike) -> Self:
         if isinstance(factor, Labelled):
             raise ValueRangeError(f"{self._kind} * {factor._kind}: power is F @ V, and * is for numbers.")
-        column = arguments.array(factor, f"the factor of a {self._kind}")[..., None]
-        values, factors = arguments.together(**{self._kind: self.values, "factor": column})
+        factor_array = arguments.array(factor, f"the factor of a {self._kind}")
+        values, factors = arguments.together(**{self._kind: self.values, "factor": factor_array[..., None]})
         return type(self)(values * factors, self.frame)
 
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: ArrayLike) -> Self:
+        divisor_array = arguments.array(divisor, f"the divisor of a {self._kind}")
         with np.errstate(divide="ignore"):  # infinite results are rejected instead of warned about
-            return self * (1.0 / arguments.array(divisor, f"the divisor of a {self._kind}"))
+            return self * (1.0 / divisor_array)
 
     def __matmul__(self, other: Labelled) -> Any:
         if not isinstance(other, Labelled) or type(other) is type(self):
@@ -179,8 +180,10 @@ class Labelled:
             )
         if not isinstance(operator, Ad | ad):
             return NotImplemented
-        name = f"{type(operator).__name__}(…){'.T' * operator.transposed}"
-        if operator.transposed != (self._kind == "wrench"):
+        suffix = ".T" if operator.transposed else ""
+        name = f"{type(operator).__name__}(…){suffix}"
+        needs_transpose = self._kind == "wrench"
+        if operator.transposed != needs_transpose:
             raise FrameError(f"{name} @ {self._kind}: Ad(T) and ad(V) act on twists, their transposes .T on wrenches.")
         if operator.frames is None:
             raise FrameError(
@@ -196,7 +199,7 @@ class Labelled:
         return type(self)(operator.apply(self.values), to)
 
     def _values_of_both(self, other: Any, sign: str) -> tuple[Array, ...]:
-        """Values of this object and of another one; raises an error unless both have one kind and one frame."""
+        """Values (..., 6) of this object and of another one; raises an error unless kind and frame of both are equal."""
         if not isinstance(other, Labelled):
             raise FrameError(
                 f"{self._kind} in {self.frame!r} {sign} {type(other).__name__}: plain numbers name no frame; write "
@@ -211,7 +214,7 @@ class Labelled:
         return arguments.together(first=self.values, second=other.values)
 
     def _require_frame_of(self, other: Labelled, operation: str) -> None:
-        """Raise FrameError, naming the operation, unless both frames are the same."""
+        """Raise FrameError unless both objects have one frame; ``operation`` begins the message."""
         if other.frame != self.frame:
             raise FrameError(
                 f"{operation} in {other.frame!r}: move one first, {symbol('T', other.frame, self.frame)} @ {self.symbol} with "
@@ -222,4 +225,6 @@ class Labelled:
 # ── Names of the six components of twists and wrenches, angular part first
 
 TWIST = ("wx", "wy", "wz", "vx", "vy", "vz")
+"""Angular and linear velocity."""
 WRENCH = ("mx", "my", "mz", "fx", "fy", "fz")
+"""Moment and force."""

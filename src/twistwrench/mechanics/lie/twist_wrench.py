@@ -37,7 +37,7 @@ class Twist(Labelled):
 
     _kind: ClassVar[str] = "twist"
     _letter: ClassVar[str] = "V"
-    _halves = (("omega", "rad/s"), ("v", "m/s"))
+    _names_and_units = (("omega", "rad/s"), ("v", "m/s"))
 
     @property
     def omega(self) -> Array:
@@ -103,7 +103,7 @@ class Wrench(Labelled):
 
     _kind: ClassVar[str] = "wrench"
     _letter: ClassVar[str] = "F"
-    _halves = (("m", "N m"), ("f", "N"))
+    _names_and_units = (("m", "N m"), ("f", "N"))
 
     @classmethod
     def of_force(cls, f: ArrayLike, frame: str, at: ArrayLike = (0.0, 0.0, 0.0)) -> Wrench:
@@ -119,8 +119,9 @@ class Wrench(Labelled):
         >>> Wrench.of_force([0, 0, -10], "tool0", at=[0.1, 0, 0]).m[1].item()
         1.0
         """
-        force, point = arguments.real(f, "the force f", 3), arguments.real(at, "its point at", 3)
-        force, point = arguments.together(f=force, at=point)
+        checked_force = arguments.real(f, "the force f", 3)
+        checked_point = arguments.real(at, "its point at", 3)
+        force, point = arguments.together(f=checked_force, at=checked_point)  # of one batch shape
         return cls(np.concatenate([so3.cross(point, force), force], axis=-1), frame)
 
     @classmethod
@@ -167,7 +168,7 @@ class Wrench(Labelled):
         Parameters
         ----------
         V : Twist, in the same frame
-        within : float, fraction of |m| |omega| + |f| |v| below which the power counts as zero
+        within : float, fraction of |m| |omega| + |f| |v| up to which the power counts as zero
 
         Returns
         -------
@@ -230,14 +231,15 @@ class Pose:
         numbers.setflags(write=False)
         for name, value in (("matrix", numbers), ("to", to), ("of", of)):
             object.__setattr__(self, name, value)
-        frame_name(self.to, "the frame that a pose leads to")
+        frame_name(self.to, "the frame that a pose leads to")  # raises FrameError for another object than a text
         frame_name(self.of, "the frame that a pose is of")
 
     def __eq__(self, other: object) -> bool:
         """True if frames and numbers are equal; a single bool for a batch too."""
         if not isinstance(other, Pose):
             return NotImplemented
-        return (self.to, self.of) == (other.to, other.of) and np.array_equal(self.matrix, other.matrix)
+        have_same_frames = (self.to, self.of) == (other.to, other.of)
+        return have_same_frames and np.array_equal(self.matrix, other.matrix)
 
     def __hash__(self) -> int:
         return hash_of(self.matrix, self.to, self.of)
@@ -269,7 +271,8 @@ class Pose:
         text = f"{title}: at {vector(self.position)} m"
         if self.matrix.dtype == object:
             return text
-        rotation_vector = so3.log(so3.project(self.rotation, within=np.inf))  # accepts accumulated rounding errors
+        exact_rotation = so3.project(self.rotation, within=np.inf)  # without accumulated rounding errors
+        rotation_vector = so3.log(exact_rotation)
         angle = float(np.linalg.norm(rotation_vector))
         if angle <= 1e-12:
             return f"{text}, not turned"
@@ -308,12 +311,12 @@ class Pose:
             except ValueError:  # batches that do not fit: the following raises ShapeError
                 arguments.together(**{self.symbol: self.matrix, other.symbol: other.matrix})
                 raise
-        moved: Twist | Wrench
+        in_other_frame: Twist | Wrench
         if isinstance(other, Twist):
-            moved = Ad(self) @ other
+            in_other_frame = Ad(self) @ other
         else:
-            moved = Ad(self.inverse).T @ other
-        return moved
+            in_other_frame = Ad(self.inverse).T @ other
+        return in_other_frame
 
 
 def _unchecked_pose(matrix: Array, to: str, of: str) -> Pose:

@@ -19,9 +19,10 @@ MIMIC_POLICIES = ("follow", "independent")
 
 @dataclass(frozen=True)
 class Drive:
-    """Coordinate of a follower: ``ratio`` times its leader's, plus ``offset``; the leader is not a follower itself."""
+    """Coordinate of a follower: ``ratio`` times its leader's coordinate, plus ``offset``."""
 
     leader: str
+    """Name of the leader, which is not a follower itself."""
     ratio: float
     offset: float
 
@@ -31,14 +32,14 @@ def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
 
     Raises :class:`~twistwrench.ModelError` for cycles, missing leaders, and joints with several coordinates.
     """
-    by_name = {joint.name: joint for joint in joints}
+    joint_by_name = {joint.name: joint for joint in joints}
     drives: dict[str, Drive] = {}
-    for first_joint in by_name.values():
+    for first_joint in joint_by_name.values():
         joint = first_joint
         chain: dict[str, Mimic] = {}  # entries of followers up to a resolved or independent joint
         while joint.mimic is not None and not joint.fixed and joint.name not in drives:
             leader, _, _ = joint.mimic
-            _check_pair(joint, leader, by_name)
+            _check_pair(joint, leader, joint_by_name)
             chain[joint.name] = joint.mimic
             if leader in chain:
                 names = [*chain]
@@ -47,7 +48,7 @@ def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
                 raise ModelError(
                     f"{first_joint} is part of a mimic cycle, {cycle_text}. Remove the <mimic> of one of them."
                 )
-            joint = by_name[leader]
+            joint = joint_by_name[leader]
         drive = drives.get(joint.name, Drive(joint.name, 1.0, 0.0))
         for name, (_, ratio, offset) in reversed(chain.items()):
             # q = ratio q_next + offset, where q_next = drive.ratio q_leader + drive.offset
@@ -56,17 +57,17 @@ def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
     return drives
 
 
-def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry]) -> None:
-    """Raise ModelError if the leader of a mimic joint does not exist, or if one of both has several coordinates."""
-    if leader not in by_name:
-        error = UnknownNameError.from_choices("joint", leader, by_name)
+def _check_pair(joint: JointEntry, leader: str, joint_by_name: Mapping[str, JointEntry]) -> None:
+    """Raise ModelError if the leader of a mimic joint does not exist, or if a joint of the pair has several coordinates."""
+    if leader not in joint_by_name:
+        error = UnknownNameError.from_choices("joint", leader, joint_by_name)
         raise ModelError(
             f"the mimic leader of {joint} is not there: {error} Or load with {argument('mimic', 'independent')}."
         )
-    for entry in (joint, by_name[leader]):
+    for entry in (joint, joint_by_name[leader]):
         if entry.joint.nv > 1:
             raise ModelError(
-                f"{joint} mimics {by_name[leader]}, but a {entry.joint.kind} joint has several coordinates and can "
+                f"{joint} mimics {joint_by_name[leader]}, but a {entry.joint.kind} joint has several coordinates and can "
                 f"neither mimic nor be mimicked. Load with {argument('mimic', 'independent')}, or remove the <mimic>."
             )
 
@@ -74,19 +75,20 @@ def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry
 def shared_limits(
     leader: JointEntry, followers: Iterable[JointEntry], drives: Mapping[str, Drive]
 ) -> tuple[Limits, list[str]]:
-    """Limits of a leader within which its followers keep theirs, and a note on each follower for which there are none.
+    """Limits of a leader within which its followers keep their limits, and remarks on followers for which there are none.
 
     Limits of position, velocity, acceleration, deceleration and jerk are shared. A follower keeps its own effort limit: see
     :func:`follower_torques`.
     """
-    limits, remarks = leader.limits, []
+    limits = leader.limits
+    remarks: list[str] = []
     for follower in followers:
         drive = drives[follower.name]
         if not drive.ratio:  # the follower does not move
             continue
         tolerance = limits.tolerance
         follower_limits = np.stack([follower.limits.lower, follower.limits.upper])
-        # As values of the leader's coordinate; a negative ratio exchanges the two.
+        # As values of the leader's coordinate. They are sorted because a negative ratio exchanges lower and upper limits.
         lower, upper = np.sort((follower_limits - drive.offset) / drive.ratio, axis=0)
         lower = np.where(lower > limits.lower + tolerance, lower, limits.lower)
         upper = np.where(upper < limits.upper - tolerance, upper, limits.upper)

@@ -28,16 +28,21 @@ _MAX_ROUNDING = 0.65
 
 @dataclass
 class DuplicateTimestamps:
-    """Merge rows of equal time: repeated rows are dropped, others are averaged."""
+    """Merges rows of equal time: repeated rows are dropped, others are averaged."""
 
     dropped: int = 0
+    """Number of dropped rows."""
     averaged: int = 0
+    """Number of rows that were averaged."""
     first: float | None = None
-    """First time with different rows."""
+    """First time [s] with different rows; None without any."""
 
     def merge(self, table: Array, turning: Array, half_turn: Array, where: str) -> Array:
-        """Reduce a table (n, k) to one row per time, in place; time is the first column. Raises TrajectoryError."""
-        begin = 0  # of the portion to merge
+        """Reduce a table (n, k) to one row per time, in place; time is the first column. Raises TrajectoryError.
+
+        ``turning`` are the columns of angles, ``half_turn`` is half a turn in the unit of each, and ``where`` begins messages.
+        """
+        begin = 0  # first row of the portion to merge
         merged_end = 0  # end of the merged rows, which overwrite the table from its beginning
         while begin < len(table):
             stop = min(begin + log_table.ROWS, len(table))
@@ -56,7 +61,7 @@ class DuplicateTimestamps:
         return table[:merged_end]
 
     def _merge_portion(self, rows: Array, turning: Array, half_turn: Array, where: str) -> Array:
-        """One row per time. ``turning``: columns of angles; ``half_turn``: half a turn in the unit of each."""
+        """Portion of a table with one row per time; arguments as of :meth:`merge`."""
         time = rows[:, 0]
         has_previous_time = np.r_[False, time[1:] == time[:-1]]
         if not has_previous_time.any():
@@ -72,7 +77,8 @@ class DuplicateTimestamps:
         counts = np.diff(np.r_[starts, len(rows)])
         spread = np.maximum.reduceat(rows, starts) - np.minimum.reduceat(rows, starts)
         merged_groups = np.flatnonzero(counts > 1)
-        angles_contradict = (spread[np.ix_(merged_groups, turning)] > half_turn).any(axis=1)
+        angle_spread = spread[np.ix_(merged_groups, turning)]
+        angles_contradict = (angle_spread > half_turn).any(axis=1)
         if angles_contradict.any():
             first_group = merged_groups[angles_contradict][0]
             raise TrajectoryError(
@@ -90,11 +96,11 @@ class DuplicateTimestamps:
         """Notes on dropped rows and averaged rows."""
         doubts = []
         if self.dropped:
-            rows = "row that repeats" if self.dropped == 1 else "rows that repeat"
-            doubts.append(doubt("rows-left-out", what=f"{self.dropped} {rows} the row before"))
+            rows_text = "row that repeats" if self.dropped == 1 else "rows that repeat"
+            doubts.append(doubt("rows-left-out", what=f"{self.dropped} {rows_text} the row before"))
         if self.averaged and self.first is not None:
-            first = f"first t = {printed(self.first)} s"
-            what = f"{self.averaged} rows with a time that others have too, {first}, but the mean of each time"
+            first_text = f"first t = {printed(self.first)} s"
+            what = f"{self.averaged} rows with a time that others have too, {first_text}, but the mean of each time"
             doubts.append(doubt("rows-left-out", what=what))
         return doubts
 
@@ -105,7 +111,9 @@ def steady_times(stamps: Array) -> Array | None:
     Between pauses, the times are the straight line through the stamps; each stamp must agree with it within rounding.
     """
     steps = np.diff(stamps)
-    if len(steps) < _MIN_ROWS or (steps < 0).any() or (steps == 0).mean() < _MIN_ZERO_STEPS:
+    if len(steps) < _MIN_ROWS or (steps < 0).any():
+        return None
+    if (steps == 0).mean() < _MIN_ZERO_STEPS:  # the stamps are fine enough
         return None
     grid = float(steps[steps > 0].min(initial=np.inf))
     distance_from_grid = np.abs(steps - grid * np.round(steps / grid))

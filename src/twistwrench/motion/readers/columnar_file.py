@@ -16,7 +16,7 @@ from ..log_table import table_of
 
 
 def unreadable_rows(path: Path, row: int, reason: str) -> TrajectoryError:
-    """Error for rows that cannot be read, counted from 0."""
+    """Error for a file that cannot be read from ``row`` on, counted from 0."""
     return TrajectoryError(f"{path}: cannot be read from row {row + 1} on: {reason}. Is the file cut short?")
 
 
@@ -29,7 +29,7 @@ class ArrayFile:
     size: int
     """Size [bytes]."""
     read: Callable[[Sequence[int]], Iterator[Array]]
-    """Function that yields portions (n, k) of the rows of some columns."""
+    """Function of the numbers of k columns that yields portions (n, k) of their rows."""
     notes: tuple[str, ...] = ()
     """Sentences about ignored content of the file."""
     advice: str = "remove the row"
@@ -45,11 +45,15 @@ class ArrayFile:
     def from_table(
         cls, path: Path, header: Sequence[str], table: Array, size: int, notes: Sequence[str] = ()
     ) -> ArrayFile:
-        """File with columns (n, k) in memory."""
-        return cls(path, tuple(header), size, lambda used: iter([table[:, list(used)]]), tuple(notes))
+        """File whose table (n, k) is in memory."""
+
+        def read(used: Sequence[int]) -> Iterator[Array]:
+            yield table[:, list(used)]
+
+        return cls(path, tuple(header), size, read, tuple(notes))
 
     def table(self, used: Sequence[int]) -> Array:
-        """Table (n, len(used)) of the given columns; raises TrajectoryError for non-finite numbers."""
+        """Table (n, len(used)) of the columns with the numbers ``used``; raises TrajectoryError for non-finite numbers."""
         return table_of(self._portions(used), len(used), self.path)
 
     def first(self, column: int) -> Array:
@@ -59,7 +63,7 @@ class ArrayFile:
         return portion[:, 0]
 
     def place(self, row: int) -> str:
-        """Description of a row's place, counted from 1 as in ``row 3``, for a row counted from 0."""
+        """Text with the place of a row, ``row 3`` for row 2: rows are counted from 0, and from 1 in texts."""
         return f"row {row + 1}"
 
     def _portions(self, used: Sequence[int]) -> Iterator[Array]:
@@ -77,18 +81,18 @@ class ArrayFile:
             first_row += len(portion)
 
     def _not_finite_error(self, portion: Array, used: Sequence[int], first_row: int) -> TrajectoryError:
-        """Error for the first number of a portion that is not finite; ``first_row``: the portion's first row in the file."""
-        not_finite = ~np.isfinite(portion)
-        bad_rows = np.flatnonzero(not_finite.any(axis=1))
+        """Error for the first number of a portion that is not finite; the portion begins at ``first_row`` of the file."""
+        is_bad = ~np.isfinite(portion)
+        bad_rows = np.flatnonzero(is_bad.any(axis=1))
         bad_row = int(bad_rows[0])
-        bad_column = int(not_finite[bad_row].argmax())
-        further_rows = ""
-        further_count = len(bad_rows) - 1
-        if further_count == 1:
-            further_rows = ", and 1 more row here"
-        elif further_count > 1:
-            further_rows = f", and {further_count} more rows here"
+        bad_column = int(np.flatnonzero(is_bad[bad_row])[0])
+        other_rows_text = ""
+        other_count = len(bad_rows) - 1
+        if other_count == 1:
+            other_rows_text = ", and 1 more row here"
+        elif other_count > 1:
+            other_rows_text = f", and {other_count} more rows here"
         return TrajectoryError(
             f"{self.path}: row {first_row + bad_row + 1}, column {self.header[used[bad_column]]!r} is "
-            f"{portion[bad_row, bad_column]}{further_rows}. Samples must be finite: {self.advice}."
+            f"{portion[bad_row, bad_column]}{other_rows_text}. Samples must be finite: {self.advice}."
         )

@@ -1,4 +1,4 @@
-"""First and last bytes of a file, which show its kind, its header and whether it is cut; a small file is read once."""
+"""First and last bytes of a file, which show its kind, its header and whether it is truncated; a small file is read once."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
 _START_SIZE = 1 << 19
-"""Bytes that are read at the beginning of a file: 512 KiB."""
+"""Number of bytes that are read at the beginning of a file: 512 KiB."""
 _END_SIZE = 1 << 14
-"""Bytes that are read at the end of a file: 16 KiB."""
+"""Number of bytes that are read at the end of a file: 16 KiB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,9 @@ class FileEnds:
 
     path: Path
     start: bytes = b""
+    """First bytes; all bytes of a small file."""
     end: bytes = b""
+    """Last bytes."""
     size: int = 0
     """Size of the file [bytes]."""
 
@@ -40,7 +42,7 @@ class FileEnds:
 
     @classmethod
     def from_file(cls, path: Path, file: BinaryIO) -> FileEnds:
-        """Ends of an open file; its position is then the beginning."""
+        """Ends of an open file, whose position is set to the beginning."""
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - _END_SIZE))
         end = file.read(_END_SIZE)
@@ -50,7 +52,7 @@ class FileEnds:
         return cls(path, start, end, size)
 
     def after(self, offset: int) -> bytes:
-        """Known last bytes of the file from ``offset`` on, which is counted from the file's beginning."""
+        """Those of the last bytes that begin at ``offset``, counted from the beginning of the file, or later."""
         end_offset = self.size - len(self.end)
         return self.end[max(0, offset - end_offset) :]
 
@@ -60,7 +62,7 @@ class FileEnds:
 
 
 class _BetweenEnds(io.RawIOBase):
-    """Bytes of a file whose ends are known. The file is opened when bytes between the ends are read."""
+    """Stream of a file whose ends are known. The file is opened when bytes between the ends are read."""
 
     def __init__(self, ends: FileEnds) -> None:
         self._ends = ends
@@ -86,13 +88,13 @@ class _BetweenEnds(io.RawIOBase):
             if self._file is None:
                 self._file = ends.path.open("rb", buffering=0)
             self._file.seek(self._offset)
-            count = self._file.readinto(view[: end_offset - self._offset]) or 0
+            byte_count = self._file.readinto(view[: end_offset - self._offset]) or 0
         else:
             known_bytes = ends.start[self._offset :] or ends.end[self._offset - end_offset :]
-            count = min(len(known_bytes), len(view))
-            view[:count] = known_bytes[:count]
-        self._offset += count
-        return count
+            byte_count = min(len(known_bytes), len(view))
+            view[:byte_count] = known_bytes[:byte_count]
+        self._offset += byte_count
+        return byte_count
 
     def close(self) -> None:
         if self._file:

@@ -28,8 +28,10 @@ STEP = 2e-3
 """Time step between the points of a plan [s]."""
 _MAX_ROWS = 1_000_000
 """Largest number of rows of a plan; longer plans have a larger step."""
+_MIN_GAP_OF_STEP = 0.01
+"""Smallest distance in time between a row and a point of a plan, in steps."""
 
-_CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
+_CONTROLLER_STATE_TYPE = "control_msgs/msg/JointTrajectoryControllerState"
 _OLD_CONTROLLER_STATE = """std_msgs/Header header
 string[] joint_names
 trajectory_msgs/JointTrajectoryPoint desired
@@ -47,38 +49,40 @@ _DEFINITIONS = {
     "moveit_msgs/msg/RobotTrajectory": (
         "trajectory_msgs/JointTrajectory joint_trajectory\ntrajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory",
     ),
-    _CONTROLLER: (_CONTROLLER_STATE, _OLD_CONTROLLER_STATE),
+    _CONTROLLER_STATE_TYPE: (_CONTROLLER_STATE, _OLD_CONTROLLER_STATE),
 }
-"""Message definitions for databases before ROS 2 Iron, which lack them."""
+"""Message definitions, the newest first, for databases before ROS 2 Iron, which lack them."""
 
 Topics = Mapping[str, tuple[str, int]]
 """Message type and number of messages by topic."""
 
 
 def ros_file(path: Path, topic: str | None = None, command_topic: str | None = None) -> ArrayFile:
-    """Motion from one topic, by default that with most messages; ``NAME:reference``: reference of a controller state.
+    """Motion from one topic, by default the topic with most messages; ``NAME:reference`` is a controller's reference.
 
-    ``command_topic`` has joint states whose positions are commands; a command holds until the next one.
+    ``command_topic`` has joint states whose positions are commands; a command holds until the next command.
     Raises NotFoundError, MissingExtraError and TrajectoryError.
     """
     if not path.exists():
         raise NotFoundError(f"no recording {str(path)!r}. Give the path of a .mcap, .bag or .db3, or a rosbag2 folder.")
     read_messages = _reader_of(path)
-    chosen_topic: list[str] = []
     commands: list[Any] = []
+    choice: list[str] = []  # set by the reader, which knows the topics, through choose()
 
     def choose(topics: Topics) -> str:
-        chosen_topic[:] = _choose_topic(path, topics, topic, Argument("topic"))
-        return chosen_topic[0]
+        choice[:] = _choose_topic(path, topics, topic, Argument("topic"))
+        name, *_ = choice
+        return name
 
     def choose_commands(topics: Topics) -> str:
-        return _choose_topic(path, topics, command_topic, Argument("command_topic"))[0]
+        name, *_ = _choose_topic(path, topics, command_topic, Argument("command_topic"))
+        return name
 
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
         if command_topic is not None:
             commands = list(read_messages(path, choose_commands))
         messages = list(read_messages(path, choose))
-        name, message_type, part, *notes = chosen_topic
+        name, message_type, part, *notes = choice
         where = f"{path}, topic {name}"
         if not messages:
             raise TrajectoryError(f"{where}: has no messages.")
@@ -91,15 +95,15 @@ def ros_file(path: Path, topic: str | None = None, command_topic: str | None = N
             notes.append(note)
         if command_topic is not None:
             header, table = _with_commands(header, table, commands, messages[0], f"{path}, topic {command_topic}")
-    epoch = 0
+    epoch = 0  # [ns] since 1970; 0 for a plan
     is_recorded = message_type in ("JointState", "JointTrajectoryControllerState")
     if is_recorded:
         stamp = messages[0].header.stamp
         notes += date_note(_seconds(stamp))
         epoch = _nanoseconds(stamp)
     files = [path]
-    if not path.is_file():
-        files = list(filter(Path.is_file, path.iterdir()))
+    if not path.is_file():  # a folder of rosbag2
+        files = [entry for entry in path.iterdir() if entry.is_file()]
     size = sum(file.stat().st_size for file in files)
     is_plan = not is_recorded or bool(part)
     return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch, plan=is_plan)
@@ -116,33 +120,39 @@ def _reader_of(path: Path) -> Callable[[Path, Callable[[Topics], str]], Iterator
 
 
 def _choose_topic(path: Path, topics: Topics, requested: str | None, argument: Argument) -> list[str]:
-    """Name of the topic, its type, the selected part, and a note if other topics are possible."""
+    """Four texts: name of the topic, its type, the selected part or "", and a note if other topics are possible.
+
+    ``argument`` is that of the ``requested`` topic, for messages.
+    """
     name, _, part = (requested or "").partition(":")
     type_by_topic = dict[str, str]()
-    readable = list[str]()
+    readable_topics = list[str]()
     topics_with_types = list[str]()
-    for topic, (full_type, count) in topics.items():
+    for topic, (full_type, message_count) in topics.items():
         topics_with_types.append(f"{topic} ({full_type})")
-        type_by_topic[topic] = full_type.rpartition("/")[2]
-        if type_by_topic[topic] in _MESSAGE_TYPES and count:
-            readable.append(topic)
-    topic_list = listed(topics_with_types) or "none"
-    if requested is None and not readable:
-        raise TrajectoryError(f"{path}: has no messages of the types {listed(_MESSAGE_TYPES)}. Topics: {topic_list}.")
-    if requested is not None and name not in readable:
-        raise TrajectoryError(f"{path}: has no motion in a topic {name!r}, {{0}}. Topics: {topic_list}.", argument)
+        _, _, short_type = full_type.rpartition("/")
+        type_by_topic[topic] = short_type
+        if short_type in _MESSAGE_TYPES and message_count:
+            readable_topics.append(topic)
+    topics_text = listed(topics_with_types) or "none"
+    if requested is None and not readable_topics:
+        raise TrajectoryError(f"{path}: has no messages of the types {listed(_MESSAGE_TYPES)}. Topics: {topics_text}.")
+    if requested is not None and name not in readable_topics:
+        raise TrajectoryError(f"{path}: has no motion in a topic {name!r}, {{0}}. Topics: {topics_text}.", argument)
     if part and (part != "reference" or type_by_topic[name] != "JointTrajectoryControllerState"):
         raise TrajectoryError(
             f"{path}: {{0}}: only :reference of a JointTrajectoryControllerState is known.",
             Argument("topic", requested),
         )
-    chosen = name or max(readable, key=lambda topic: topics[topic][1])
-    others = [topic for topic in readable if topic != chosen]
+    chosen_topic = name or max(readable_topics, key=lambda topic: topics[topic][1])  # with most messages
+    other_topics = [topic for topic in readable_topics if topic != chosen_topic]
     notes = []
-    if others and requested is None:
+    if other_topics and requested is None:
         option = spell(Argument("topic"))
-        notes.append(f"Read from topic {chosen}, which has most messages; {option} chooses another: {listed(others)}.")
-    return [chosen, type_by_topic[chosen], part, *notes]
+        notes.append(
+            f"Read from topic {chosen_topic}, which has most messages; {option} chooses another: {listed(other_topics)}."
+        )
+    return [chosen_topic, type_by_topic[chosen_topic], part, *notes]
 
 
 def _nanoseconds(stamp: Any) -> int:
@@ -161,12 +171,12 @@ def _seconds(stamp: Any, begin: Any = None) -> float:
 
 
 def _stamps(messages: Sequence[Any], first: Any) -> Array:
-    """Times (n,) of messages since the stamp of the first [s]."""
+    """Times (n,) of messages since the stamp of the message ``first`` [s]."""
     return np.array([_seconds(message.header.stamp, first.header.stamp) for message in messages])
 
 
 def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array]:
-    """Header and table of the messages with the same joints as the first; others are ignored."""
+    """Header and table of the messages that have the joints of the first message; other messages are ignored."""
     names = list(messages[0].name)
     states = [message for message in messages if set(message.name) >= set(names)]
     header = ["time [s]"]
@@ -195,18 +205,19 @@ def _values_of(states: Sequence[Any], field: str, names: Sequence[str]) -> Array
 
 
 def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[list[str], Array]:
-    """Header and table of the measured or reference points of a controller's state; measured ones with their commands."""
-    reference, feedback = "desired", "actual"  # names in older versions of the message
+    """Header and table of a controller's states: reference points if ``part``, else measured points with their commands."""
+    reference_field, feedback_field = "desired", "actual"  # names in older versions of the message
     if hasattr(messages[0], "reference"):
-        reference, feedback = "reference", "feedback"
+        reference_field, feedback_field = "reference", "feedback"
     names = list(messages[0].joint_names)
     states = [message for message in messages if list(message.joint_names) == names]
-    references = [getattr(state, reference) for state in states]
+    references = [getattr(state, reference_field) for state in states]
     if part:
         q, dq, ddq, _ = _values(references, len(names), where)
         arrays = {"q": q, "dq": dq, "ddq": ddq}
     else:
-        q, dq, _, effort = _values([getattr(state, feedback) for state in states], len(names), where)
+        measured_points = [getattr(state, feedback_field) for state in states]
+        q, dq, _, effort = _values(measured_points, len(names), where)
         arrays = {"q": q, "dq": dq, "tau": effort, "command": _array_of(references, "positions", len(names))}
     header = ["time [s]"]
     columns = [_stamps(states, states[0])[:, None]]
@@ -220,9 +231,9 @@ def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[
 def _with_commands(
     header: list[str], table: Array, messages: Sequence[Any], first: Any, where: str
 ) -> tuple[list[str], Array]:
-    """Header and table with the latest command before each row; rows before the first command are left out.
+    """Header and table with the latest command at each row; rows before the first command are left out.
 
-    ``first`` is the first message of the positions, at time 0.
+    ``messages`` are the commands, and ``first`` is the first message of the positions, at time 0.
     """
     if not hasattr(first, "header") or not messages or not hasattr(messages[0], "position"):
         raise TrajectoryError(
@@ -232,20 +243,20 @@ def _with_commands(
         )
     names = list(messages[0].name)
     time = _stamps(messages, first)
-    matching = [message for message in messages if list(message.name) == names and len(message.position) == len(names)]
+    are_alike = all(list(message.name) == names and len(message.position) == len(names) for message in messages)
     goes_back = (np.diff(time) < 0.0).any()
-    if len(matching) < len(messages) or goes_back:
+    if not are_alike or goes_back:
         raise TrajectoryError(
             f"{where}: each message needs a later stamp and one position for each of {listed(names)}. Record the topic of one "
             "controller."
         )
-    latest = np.searchsorted(time, table[:, 0], side="right") - 1
+    latest = np.searchsorted(time, table[:, 0], side="right") - 1  # -1: no command yet
     has_command = latest >= 0
     if not has_command.any():
         raise TrajectoryError(f"{where}: its first stamp is after the last one of the positions, on another clock.")
-    positions = np.array([message.position for message in matching], float)
-    commands = positions[latest[has_command]]
-    return [*header, *_headers(names, "command")], np.concatenate([table[has_command], commands], axis=1)
+    commanded_positions = np.array([message.position for message in messages], float)
+    command_columns = commanded_positions[latest[has_command]]
+    return [*header, *_headers(names, "command")], np.concatenate([table[has_command], command_columns], axis=1)
 
 
 def _headers(names: Sequence[str], quantity: str) -> list[str]:
@@ -254,10 +265,13 @@ def _headers(names: Sequence[str], quantity: str) -> list[str]:
 
 
 def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
-    """Positions, velocities, accelerations and efforts (n, count) of points; None unless all points have them."""
+    """Positions, velocities, accelerations and efforts (n, count) of points, each None unless all points have them.
+
+    Raises TrajectoryError without positions.
+    """
     fields = ("positions", "velocities", "accelerations", "effort")
     arrays = [_array_of(points, field, count) for field in fields]
-    positions = arrays[0]
+    positions, *_ = arrays
     if positions is None:
         raise TrajectoryError(f"{where}: a point has not one position for each of the {count} joints that are named.")
     return arrays
@@ -289,9 +303,9 @@ def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
     names, points, time = max(plans, key=lambda plan: len(plan[1]))  # by its number of points
     if len(time) < 2:
         raise TrajectoryError(f"{where}: a plan of {len(time)} points. A motion needs two or more.")
-    not_later = np.diff(time) <= 0
-    if not_later.any():
-        k = int(not_later.argmax())
+    is_not_later = np.diff(time) <= 0  # of each point after the first
+    if is_not_later.any():
+        k = int(np.flatnonzero(is_not_later)[0])
         raise TrajectoryError(
             f"{where}: point {k + 2} at {number(time[k + 1])} s does not come after the one before, at {number(time[k])} s."
         )
@@ -319,35 +333,36 @@ def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
     if len(plans) > 1:
         note += f" The longest of {len(plans)} plans."
     header = ["time [s]"]
-    for part in ("q", "dq", "ddq"):
-        header += _headers(names, part)
+    for quantity in ("q", "dq", "ddq"):
+        header += _headers(names, quantity)
     return header, between_points(time, q, dq, ddq, step), note
 
 
 def _check_finite(name: str, x: Array, where: str) -> None:
-    """Raise TrajectoryError for a point (row) with a number that is not finite."""
+    """Raise TrajectoryError for a point (row of x) with a number that is not finite; ``name`` is the quantity."""
     is_finite = np.isfinite(x).all(axis=1)
     if not is_finite.all():
-        k = int((~is_finite).argmax())
+        k = int(np.flatnonzero(~is_finite)[0])
         raise TrajectoryError(f"{where}: {name} of point {k + 1} are {x[k].tolist()}. They must be finite.")
 
 
 def _points(message: Any) -> tuple[list[str], list[Any], Array]:
     """Joint names, points and times of a plan; the parts of a DisplayTrajectory are concatenated."""
-    parts = [getattr(part, "joint_trajectory", part) for part in getattr(message, "trajectory", [message])]
+    trajectories = getattr(message, "trajectory", [message])
+    parts = [getattr(trajectory, "joint_trajectory", trajectory) for trajectory in trajectories]
     if not parts:
         return [], [], np.zeros(0)
     names = list(parts[0].joint_names)
     points = list[Any]()
     times = list[float]()
-    begin = 0.0  # of a part: the end of the previous one
+    begin = 0.0  # time at which a part begins: the end of the previous part
     for part in parts:
         if list(part.joint_names) != names:
             continue
         for k, point in enumerate(part.points):
             time = begin + _seconds(point.time_from_start)
-            repeats_end = k == 0 and bool(times) and time == begin  # the end of the previous part
-            if not repeats_end:
+            repeats_last_point = k == 0 and bool(times) and time == begin
+            if not repeats_last_point:
                 points.append(point)
                 times.append(time)
         if times:
@@ -383,12 +398,16 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) ->
     h = np.diff(time)[:, None]
     displacement = np.diff(q, axis=0)
     v0, v1 = h * dq[:-1], h * dq[1:]
-    b, c = 3 * displacement - 2 * v0 - v1, v0 + v1 - 2 * displacement  # of the cubic q_k + v0 s + b s² + c s³
+    # The cubic is q_k + v0 s + b s² + c s³. With its accelerations at both ends, the quintic is equal to it.
+    b = 3 * displacement - 2 * v0 - v1
+    c = v0 + v1 - 2 * displacement
     is_quintic = np.isfinite(ddq[:-1] + ddq[1:])
-    a0 = np.where(is_quintic, h * h * ddq[:-1], 2 * b)  # those of the cubic make the quintic equal to it
+    a0 = np.where(is_quintic, h * h * ddq[:-1], 2 * b)
     a1 = np.where(is_quintic, h * h * ddq[1:], 2 * b + 6 * c)
-    # What remains of displacement, velocity and acceleration at the end, beyond q_k + v0 s + a0 s² / 2.
-    e0, e1, e2 = displacement - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+    # Displacement, velocity and acceleration at the end, beyond those of q_k + v0 s + a0 s² / 2.
+    e0 = displacement - v0 - 0.5 * a0
+    e1 = v1 - v0 - a0
+    e2 = a1 - a0
     coefficients = np.array(  # of 1, s, s² … s⁵
         [q[:-1], v0, 0.5 * a0, 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2]
     )
@@ -399,8 +418,8 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) ->
     next_point = np.searchsorted(time, grid)
     time_after = time[np.clip(next_point, 1, len(time) - 1)]
     time_before = time[np.clip(next_point - 1, 0, None)]
-    is_close = np.abs(time_after - grid) < 0.01 * step  # to a point, which has a row of its own
-    is_close |= np.abs(time_before - grid) < 0.01 * step
+    is_close = np.abs(time_after - grid) < _MIN_GAP_OF_STEP * step  # to a point, which has a row of its own
+    is_close |= np.abs(time_before - grid) < _MIN_GAP_OF_STEP * step
     t = np.sort(np.r_[time, grid[~is_close]])
     return np.concatenate([t[:, None], curve(t), curve.derivative(1)(t), curve.derivative(2)(t)], axis=1)
 
@@ -467,8 +486,8 @@ def _bag(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
     store = _typestore()
     from rosbags.highlevel import AnyReader
 
-    for message_type, texts in _DEFINITIONS.items():
-        store = _with_definition(store, message_type, texts[0])
+    for message_type, (newest_text, *_) in _DEFINITIONS.items():
+        store = _with_definition(store, message_type, newest_text)
     if path.is_dir():
         check_folder(path)
     with AnyReader([path], default_typestore=store) as reader:
@@ -489,20 +508,21 @@ def _database(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
         for name, type_of_topic, count in database.execute(count_query):
             topics[str(name)] = str(type_of_topic), int(count)
         topic = choose(topics)
-        message_type = topics[topic][0]
+        message_type, _ = topics[topic]
         has_definitions_query = "select 1 from sqlite_master where name = 'message_definitions'"
         texts: Sequence[str] = _DEFINITIONS.get(message_type, ())
         if database.execute(has_definitions_query).fetchone():
             text_query = "select encoded_message_definition from message_definitions"
             text_query += " where topic_type = ? and encoding = 'ros2msg'"
-            texts = [str(text) for (text,) in database.execute(text_query, (message_type,))] or texts
+            own_texts = [str(text) for (text,) in database.execute(text_query, (message_type,))]
+            texts = own_texts or texts
         data_query = "select data from messages join topics on topics.id = topic_id where name = ? order by timestamp"
         data = values_within((raw for (raw,) in database.execute(data_query, (topic,))), path)
     yield from _deserialise(store, message_type, texts, data)
 
 
 def _deserialise(store: Any, message_type: str, texts: Sequence[str], data: Sequence[bytes]) -> list[Any]:
-    """Deserialise messages by the first matching definition, or by the store's if there is none."""
+    """Deserialise messages by the first definition that matches; without definitions, by the store's own."""
     from rosbags.serde import SerdeError
 
     for text in texts[:-1]:

@@ -27,23 +27,23 @@ _MIN_SWITCH_VALUE = 0.5
 def with_schedule(ground: Ground, given: InContactGiven, log: MotionLog) -> Ground:
     """Ground whose feet carry at the rows of a log that ``given`` marks.
 
-    "auto" keeps the rule of heights and speeds; the other word takes the columns that are named after the feet.
+    "auto" keeps the rule of heights and speeds. The other word takes the columns of the log that are named after the feet.
     """
     if not isinstance(given, Mapping):
         if arguments.choice(given, "in_contact", get_args(ContactSource)) == "auto":
             return ground
         given = {frame: f"{frame}.contact" for frame in ground.feet}
     _check_feet(ground, given)
-    column_by_foot = {frame: _column(log, frame, name) for frame, name in given.items() if isinstance(name, str)}
-    time, values = _times_and_columns(log, list(column_by_foot.values()))
-    logged = dict(zip(column_by_foot, values.T, strict=True))
+    column_by_foot = {frame: _column_number(log, frame, name) for frame, name in given.items() if isinstance(name, str)}
+    time, columns = _times_and_columns(log, list(column_by_foot.values()))
+    logged_values = dict(zip(column_by_foot, columns.T, strict=True))
     carries = np.ones((len(time), len(ground.contacts)), bool)
     for frame, source in given.items():
-        if frame in logged:
-            foot_values = logged[frame]
+        if frame in logged_values:
+            foot_values = logged_values[frame]
         else:
             foot_values = _given_values(frame, source, len(time))
-        is_switch = foot_values.max(initial=0.0) <= 1.0
+        is_switch = foot_values.max(initial=0.0) <= 1.0  # 0 and 1 instead of a force
         threshold = _MIN_SWITCH_VALUE if is_switch else _MIN_CARRYING_FORCE
         carries[:, ground.contacts_at(frame)] = (foot_values > threshold)[:, None]
     return replace(ground, schedule=ContactSchedule(time, carries))
@@ -63,8 +63,8 @@ def _check_feet(ground: Ground, given: Mapping[str, object]) -> None:
             )
 
 
-def _column(log: MotionLog, frame: str, name: str) -> int:
-    """Number of the column of a foot, by its name with or without the unit."""
+def _column_number(log: MotionLog, frame: str, name: str) -> int:
+    """Number of the column of a foot, by the column's name with or without its unit. Raises ValueRangeError."""
     names_without_unit = []
     for k, heading in enumerate(log.file.header):
         name_without_unit, _ = split_unit(heading)
@@ -81,7 +81,7 @@ def _column(log: MotionLog, frame: str, name: str) -> int:
 
 
 def _times_and_columns(log: MotionLog, column_numbers: Sequence[int]) -> tuple[Array, Array]:
-    """Time (n,) of each row of a file [s], as the motion of the log has it, and columns (n, k), forces in N."""
+    """Time (n,) of each row of a log [s], as its motion has it, and the columns (n, k) with these numbers, forces in N."""
     columns = log.columns
     if columns.counted:  # no column of time; the first column takes its place in the table
         table = log.file.table((0, *column_numbers))
@@ -99,12 +99,12 @@ def _times_and_columns(log: MotionLog, column_numbers: Sequence[int]) -> tuple[A
     return time, table[:, 1:] * factors
 
 
-def _given_values(frame: str, given: ArrayLike, rows: int) -> Array:
+def _given_values(frame: str, given: ArrayLike, row_count: int) -> Array:
     """Given values (n,) of a foot, one for each row of the log; a single value is repeated."""
     values = arguments.finite(given, f"in_contact of {frame!r}")
-    if values.shape not in ((), (rows,)):
+    if values.shape not in ((), (row_count,)):
         raise ShapeError(
-            f"in_contact of {frame!r} has the shape {values.shape}, and the motion has {rows} rows. Give one value for each "
-            "row, 0 or 1 or a force in N, or one for all."
+            f"in_contact of {frame!r} has the shape {values.shape}, and the motion has {row_count} rows. Give one value for "
+            "each row, 0 or 1 or a force in N, or one for all."
         )
-    return np.broadcast_to(values, (rows,))
+    return np.broadcast_to(values, (row_count,))

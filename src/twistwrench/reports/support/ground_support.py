@@ -34,7 +34,7 @@ _MAX_HEIGHT_ON_FLOOR = 0.01
 MAX_DETERMINATE_CONTACTS = 3
 """Largest number of contacts whose forces follow from the balance alone."""
 _MIN_LENGTH = 1e-3
-"""Length of the contacts [m]; shorter ones are taken as this long."""
+"""Least extent of the contacts [m] in the comparison of width and length."""
 _MIN_WIDTH_SHARE = 1e-3
 """Ratio of width to length of the contacts below which they lie on one line."""
 
@@ -50,7 +50,7 @@ class GroundSupport(Support):
     states: Motion = field(kw_only=True)
     """States of the motion."""
     need: Array = field(kw_only=True)
-    """(n,): magnitude of the force that the free base needs [N]."""
+    """(n,): magnitude of the force that the floating base needs [N]."""
     sliding: tuple[str, float, float] | None = field(kw_only=True)
     """Foot on the ground that moves although no other foot carries, with its speed [m/s] and time [s]; None if none does."""
     strained: bool = field(kw_only=True)
@@ -70,7 +70,7 @@ class GroundSupport(Support):
 
     @property
     def time(self) -> Array:
-        """(n,) [s]."""
+        """(n,) times of the states [s]."""
         return self.states.time
 
     def again(self, s: MotionSamples, contacts: tuple[Contact, ...], in_contact: Array) -> Support:
@@ -103,11 +103,11 @@ class GroundSupport(Support):
 
     @cached_property
     def balanced_forces(self) -> Array:
-        """(n, c, 3): ``forces`` [N]. At instants that need more friction than is assumed, those with unlimited friction."""
+        """(n, c, 3): ``forces`` [N], but forces with unlimited friction at instants that need more friction than is assumed."""
         forces = self.forces.copy()
-        with_more_friction = np.flatnonzero(self.balanced & ~self.holds)
-        for start in range(0, len(with_more_friction), _STATES_PER_BATCH):
-            rows = with_more_friction[start : start + _STATES_PER_BATCH]
+        rows_needing_friction = np.flatnonzero(self.balanced & ~self.holds)
+        for start in range(0, len(rows_needing_friction), _STATES_PER_BATCH):
+            rows = rows_needing_friction[start : start + _STATES_PER_BATCH]
             contact_forces, _ = self.case.contact(samples(self.states, rows))
             forces[rows] = contact_forces.forces
         return forces
@@ -122,31 +122,34 @@ class GroundSupport(Support):
             if len(carrying_points) < 3:
                 on_a_line[k] = True
                 continue
-            length, width, *_ = np.linalg.svd(carrying_points - carrying_points.mean(axis=0), compute_uv=False)
+            centred_points = carrying_points - carrying_points.mean(axis=0)
+            length, width, _ = np.linalg.svd(centred_points, compute_uv=False)
             on_a_line[k] = width < _MIN_WIDTH_SHARE * max(_MIN_LENGTH, length)
         return on_a_line
 
 
 def ground_support(load: StandingCase, motion: Motion) -> GroundSupport:
-    """Support along the states of a motion."""
-    parts, carrying_parts, base_forces = [], [], []
+    """Support along the states of a motion, computed in batches."""
+    batches, in_contact_of_batches, base_forces = [], [], []
     strained = False
-    force_indices = _free_base_indices(load.robot)[3:]  # after the moments
+    force_indices = _floating_base_indices(load.robot)[3:]  # after the moments
     for start in range(0, len(motion), _STATES_PER_BATCH):
         s = samples(motion, slice(start, start + _STATES_PER_BATCH))
-        carrying = load.ground.carrying(load.robot, s)
-        part = _support_of_states(load, s, load.ground.contacts, carrying)
+        in_contact_of_batch = load.ground.carrying(load.robot, s)
+        batch = _support_of_states(load, s, load.ground.contacts, in_contact_of_batch)
         if load.effort is not None:
-            part, exceeds_limits = _with_torque_limits(load, s, part, carrying, load.effort)
+            batch, exceeds_limits = _with_torque_limits(load, s, batch, in_contact_of_batch, load.effort)
             strained |= exceeds_limits
-        parts.append(part)
-        carrying_parts.append(carrying)
-        base_forces.append(np.linalg.norm(load.torques_in_the_air(s)[:, force_indices], axis=1))
+        batches.append(batch)
+        in_contact_of_batches.append(in_contact_of_batch)
+        base_force = load.torques_in_the_air(s)[:, force_indices]
+        base_forces.append(np.linalg.norm(base_force, axis=1))
     joined_arrays: dict[str, Any] = {}
-    for each in fields(Support):
-        if each.name != "contacts":  # the only field without a row for each state
-            joined_arrays[each.name] = np.concatenate([getattr(part, each.name) for part in parts])
-    in_contact = np.concatenate(carrying_parts)
+    for support_field in fields(Support):
+        name = support_field.name
+        if name != "contacts":  # the only field without a row for each state
+            joined_arrays[name] = np.concatenate([getattr(batch, name) for batch in batches])
+    in_contact = np.concatenate(in_contact_of_batches)
     return GroundSupport(
         **joined_arrays,
         contacts=load.ground.contacts,
@@ -160,38 +163,40 @@ def ground_support(load: StandingCase, motion: Motion) -> GroundSupport:
 
 
 def _with_torque_limits(
-    load: StandingCase, s: MotionSamples, part: Support, carrying: Array, limits: Array
+    load: StandingCase, s: MotionSamples, batch: Support, in_contact: Array, limits: Array
 ) -> tuple[Support, bool]:
-    """Support with the friction that also keeps the torque limits (nv,), and whether they are exceeded with any friction."""
+    """Support with the friction that also keeps the torque limits (nv,), and True if any friction exceeds the limits."""
     robot = load.with_load
     effort = np.where(floating_entries(load.robot), np.inf, limits)
     tau = load.torques_in_the_air(s)
-    friction = part.friction.copy()
-    torques = part.torques
+    friction = batch.friction.copy()
+    torques = batch.torques
     if load.ground.given:
         max_friction = float(load.ground.frictions.max())
-        rows = np.flatnonzero(part.holds)
+        rows = np.flatnonzero(batch.holds)
     else:
         max_friction = UNLIMITED_FRICTION
-        rows = np.flatnonzero(np.isfinite(friction) & carrying.any(axis=1))
+        rows = np.flatnonzero(np.isfinite(friction) & in_contact.any(axis=1))
     if len(rows):
         friction[rows] = friction_within(
-            robot, s.q[rows], tau[rows], load.ground.contacts, carrying[rows], friction[rows], effort, max_friction
+            robot, s.q[rows], tau[rows], load.ground.contacts, in_contact[rows], friction[rows], effort, max_friction
         )
     if not load.ground.given:
         forces, _ = load.contact(s)
         torques = tau - np.einsum("nvck,nck->nv", forces.maps, forces.forces)
         torques = np.where(forces.holds[:, None], torques, np.nan)
-    return replace(part, friction=friction), bool(exceeding(torques, effort).any())
+    return replace(batch, friction=friction), bool(exceeding(torques, effort).any())
 
 
-def _free_base_indices(robot: Robot) -> Array:
-    """Indices in dq of the free base: moments, then forces."""
+def _floating_base_indices(robot: Robot) -> Array:
+    """Indices in τ of the floating base: moments, then forces."""
     return np.flatnonzero(floating_entries(robot))
 
 
-def _support_of_states(load: StandingCase, s: MotionSamples, contacts: tuple[Contact, ...], carrying: Array) -> Support:
-    """Support of states on some contacts. A further payload is at that of the load case, or else at the tip."""
+def _support_of_states(
+    load: StandingCase, s: MotionSamples, contacts: tuple[Contact, ...], in_contact: Array
+) -> Support:
+    """Support of states on some contacts. An additional payload would be where the load case has one, or at the tip."""
     frame: str | None = load.robot.model.tip
     com = (0.0, 0.0, 0.0)
     if load.payload_mass:
@@ -206,7 +211,7 @@ def _support_of_states(load: StandingCase, s: MotionSamples, contacts: tuple[Con
         s.dq,
         s.ddq,
         contacts,
-        in_contact=carrying,
+        in_contact=in_contact,
         wrench_on_robot=load.wrenches_on(s),
         limits=load.effort,
         payload_frame=frame,
@@ -219,15 +224,17 @@ def _sliding_foot(load: StandingCase, motion: Motion, in_contact: Array) -> tupl
     in_the_air = np.flatnonzero(~in_contact.any(axis=1))
     if not len(in_the_air):
         return None
-    up, contacts = load.ground.normal, load.ground.contacts
+    normal, contacts = load.ground.normal, load.ground.contacts
     least_heights = []
     for start in range(0, len(motion), _STATES_PER_BATCH):
         _, points = contact_maps(load.robot, motion.q[start : start + _STATES_PER_BATCH], contacts)
-        least_heights.append(float((points @ up).min()))
-    floor = min(least_heights)
+        least_heights.append(float((points @ normal).min()))
+    floor_height = min(least_heights)
     maps, points = contact_maps(load.robot, motion.q[in_the_air], contacts)
-    speeds = np.linalg.norm(np.einsum("nvck,nv->nck", maps, motion.dq[in_the_air]), axis=-1)
-    speeds_on_floor = np.where(points @ up <= floor + _MAX_HEIGHT_ON_FLOOR, speeds, 0.0)
+    velocities = np.einsum("nvck,nv->nck", maps, motion.dq[in_the_air])
+    speeds = np.linalg.norm(velocities, axis=-1)
+    is_on_floor = points @ normal <= floor_height + _MAX_HEIGHT_ON_FLOOR
+    speeds_on_floor = np.where(is_on_floor, speeds, 0.0)
     row, k = np.unravel_index(int(speeds_on_floor.argmax()), speeds_on_floor.shape)
     speed = float(speeds_on_floor[row, k])
     if speed <= _MAX_STANDING_SPEED:

@@ -35,7 +35,7 @@ _MAX_LISTED_FRAMES = 4
 
 
 def samples(motion: Motion, rows: slice | Array) -> MotionSamples:
-    """Some states of a motion."""
+    """States of a motion in these rows."""
     time, q, dq, ddq = motion.time[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
     return MotionSamples(time, q, dq, ddq, q, np.zeros(dq.shape, bool), np.zeros((len(time), 0)))
 
@@ -64,31 +64,35 @@ def ground_doubt(load: StandingCase, motion: Motion, in_contact: Array, failing:
     is_pressed = float(-gravity @ ground.normal) > 0.0
     if ground.on_ground.all() and not is_pulled and not is_pressed:
         return _doubt_of_gravity(gravity, ground.normal)
-    doubt, largest_spread = "", 0.0
+    doubt = ""
+    largest_spread = 0.0  # of the heights in a state [m]
     frames = [str(contact.frame) for contact in ground.contacts]
-    wheels = ~np.array(ground.automatic) & ground.on_ground
+    is_wheel = ~np.array(ground.automatic) & ground.on_ground
     for start in range(0, len(motion), _STATES_PER_BATCH):
         rows = slice(start, start + _STATES_PER_BATCH)
         time = motion.time[rows]
         points, velocities = ground.points_and_velocities(load.robot, samples(motion, rows))
-        doubt_of_wheels = _doubt_of_wheel_speeds(frames, velocities @ ground.normal, wheels, time)
+        doubt_of_wheels = _doubt_of_wheel_speeds(frames, velocities @ ground.normal, is_wheel, time)
         if doubt_of_wheels:
             return doubt_of_wheels
         if ground.normal_given:
             continue
-        carrying = in_contact[rows] & (wheels if ground.schedule is None else ground.on_ground)
-        compares_resting_feet = failing[rows] | (np.arange(start, start + len(points)) == 0)
-        compared = carrying.copy()
+        carries = in_contact[rows] & (is_wheel if ground.schedule is None else ground.on_ground)  # (states, contacts)
+        is_first_state = np.arange(start, start + len(points)) == 0
+        compares_resting_feet = failing[rows] | is_first_state
+        is_compared = carries.copy()
         if ground.schedule is None:
             is_slow = np.linalg.norm(velocities, axis=-1) < MAX_CARRYING_SPEED
-            compared |= is_slow & ground.on_ground & compares_resting_feet[:, None]
-        for k in np.flatnonzero(carrying.any(axis=1) | compares_resting_feet):
-            spread, plane = _height_difference(points[k], compared[k], ground.normal)
-            has_resting_feet = carrying[k].sum() != compared[k].sum()
-            may_be_lifted_foot = plane is None and has_resting_feet
+            is_compared |= is_slow & ground.on_ground & compares_resting_feet[:, None]
+        for k in np.flatnonzero(carries.any(axis=1) | compares_resting_feet):
+            spread, plane_normal = _height_difference(points[k], is_compared[k], ground.normal)
+            has_resting_feet = carries[k].sum() != is_compared[k].sum()
+            may_be_lifted_foot = plane_normal is None and has_resting_feet
             if spread > largest_spread and not may_be_lifted_foot:
                 largest_spread = spread
-                doubt = _doubt_of_heights(frames, points[k], compared[k], ground.normal, plane, float(time[k]))
+                doubt = _doubt_of_heights(
+                    frames, points[k], is_compared[k], ground.normal, plane_normal, float(time[k])
+                )
     return doubt
 
 
@@ -104,9 +108,9 @@ def _doubt_of_gravity(gravity: Array, normal: Array) -> str:
     )
 
 
-def _doubt_of_wheel_speeds(frames: list[str], speeds: Array, wheels: Array, time: Array) -> str:
-    """Doubt about wheels that move along the normal of the ground, by the speeds (n, c) of contacts; empty if none does."""
-    wheel_speeds = np.where(wheels, np.abs(speeds), 0.0)
+def _doubt_of_wheel_speeds(frames: list[str], normal_speeds: Array, is_wheel: Array, time: Array) -> str:
+    """Doubt about the fastest wheel, by speeds (n, c) of contacts along the normal of the ground; empty if all are slow."""
+    wheel_speeds = np.where(is_wheel, np.abs(normal_speeds), 0.0)
     row, wheel = np.unravel_index(int(wheel_speeds.argmax()), wheel_speeds.shape)
     speed = float(wheel_speeds[row, wheel])
     if speed <= _MAX_NORMAL_SPEED:
@@ -119,51 +123,52 @@ def _doubt_of_wheel_speeds(frames: list[str], speeds: Array, wheels: Array, time
 
 def _normal_argument(normal: Array) -> str:
     """Argument that states a normal, as the caller types it."""
-    numbers = [round(float(x), 4) + 0.0 for x in normal]
+    numbers = [round(float(x), 4) + 0.0 for x in normal]  # + 0 turns -0 into 0
     if in_the_shell():
         return spell(Argument("contact_normal", ",".join(map(number, numbers))))
     return spell(Argument("contact_normal", numbers))
 
 
-def _height_difference(points: Array, standing: Array, normal: Array) -> tuple[float, Array | None]:
-    """Difference in height of the contacts ``standing`` (c,), and the normal of their plane if they lie on one.
+def _height_difference(points: Array, is_compared: Array, normal: Array) -> tuple[float, Array | None]:
+    """Difference in height [m] of the compared contacts (c,), and the normal of their plane.
 
-    The difference is 0 if they are level.
+    The difference is 0 if they are level. The normal is None if they are level or do not lie on one plane.
     """
-    if not standing.any():
+    if not is_compared.any():
         return 0.0, None
-    chosen = points[standing]
-    heights = chosen @ normal
+    compared_points = points[is_compared]
+    heights = compared_points @ normal
     spread = float(np.ptp(heights))
-    horizontal = chosen - heights[:, None] * normal
+    horizontal = compared_points - heights[:, None] * normal
     distance = float(np.linalg.norm(np.ptp(horizontal, axis=0)))
     if spread <= max(_MIN_HEIGHT_DIFFERENCE, _MAX_UNEVENNESS * distance):
         return 0.0, None
-    centred = chosen - chosen.mean(axis=0)
+    centred = compared_points - compared_points.mean(axis=0)
     _, widths, axes = np.linalg.svd(centred)
-    if len(chosen) <= 2 or widths[1] <= _MAX_DISTANCE_FROM_PLANE * widths[0]:  # nearly on one line
+    if len(compared_points) <= 2 or widths[1] <= _MAX_DISTANCE_FROM_PLANE * widths[0]:  # nearly on one line
         return spread, None
-    if float(np.abs(centred @ axes[2]).max()) > _MAX_DISTANCE_FROM_PLANE * spread:
+    max_distance_from_plane = float(np.abs(centred @ axes[2]).max())
+    if max_distance_from_plane > _MAX_DISTANCE_FROM_PLANE * spread:
         return spread, None
-    return spread, axes[2] * np.sign(axes[2] @ normal)
+    return spread, axes[2] * np.sign(axes[2] @ normal)  # upward
 
 
 def _doubt_of_heights(
-    frames: list[str], points: Array, standing: Array, level: Array, plane: Array | None, time: float
+    frames: list[str], points: Array, is_compared: Array, normal: Array, plane_normal: Array | None, time: float
 ) -> str:
-    """Doubt about contacts at different heights above level ground, with the normal of their ``plane`` if they have one."""
-    heights = points @ level
-    heights = heights - heights[standing].min()
-    height_by_frame = {frames[k]: number(float(heights[k]), 2) for k in np.flatnonzero(standing)}
+    """Doubt about contacts at different heights above level ground; with the normal of their plane if they lie on one."""
+    heights = points @ normal
+    heights = heights - heights[is_compared].min()
+    height_by_frame = {frames[k]: number(float(heights[k]), 2) for k in np.flatnonzero(is_compared)}
     texts = [f"{frame} {height} m" for frame, height in height_by_frame.items()]
-    level_argument = _normal_argument(level)
+    level_argument = _normal_argument(normal)
     doubt = f"contacts stand at different heights at t = {seconds(time)} s: {listed(texts, _MAX_LISTED_FRAMES)}"
-    if plane is None:
+    if plane_normal is None:
         return Reason(
             f"{doubt}. If the ground is level at each of them, state its normal, {level_argument}", level_argument
         )
-    angle = math.degrees(math.acos(min(1.0, float(plane @ level))))
-    slope_argument = _normal_argument(plane)
+    angle = math.degrees(math.acos(min(1.0, float(plane_normal @ normal))))
+    slope_argument = _normal_argument(plane_normal)
     return Reason(
         f"{doubt}. Does the floor slope by {number(angle, 2)}°? Give its normal, {slope_argument}, or {level_argument} if it "
         "is level at each of them",

@@ -18,10 +18,12 @@ from .ground_support import GroundSupport
 
 _MAX_ROWS = 11
 """Largest number of rows of the table in a short report."""
+_MIN_FRICTION_SHARE = 1e-9
+"""Friction, relative to the largest normal force, below which a contact is not loaded."""
 
 
 def imbalance(found: GroundSupport) -> Iterator[Line]:
-    """Line on instants at which no forces of the ground balance, so that the robot cannot move so."""
+    """Line on instants at which no forces of the ground balance the robot; nothing if there are none."""
     unbalanced_count = int((found.aground & ~found.balanced).sum())
     if unbalanced_count:
         instants = f"{unbalanced_count} of {len(found.time)} instants"
@@ -40,37 +42,38 @@ def contact_tables(found: GroundSupport) -> Iterator[Table]:
     title = "Forces of the ground"
     if (found.aground & ~found.balanced).any():
         title += ", where they balance"
-    rows = [_forces_on_frame(found, frame) for frame in found.ground.frames]
-    largest = [row.largest for row in rows]
+    forces_by_frame = [_forces_on_frame(found, frame) for frame in found.ground.frames]
+    max_pressing = [forces.max_pressing for forces in forces_by_frame]
     friction_column = None
     if found.ground.given:
-        friction_column = numbers("of friction", [row.share_of_friction for row in rows], share_cell)
+        shares = [forces.share_of_friction for forces in forces_by_frame]
+        friction_column = numbers("of friction", shares, share_cell)
     yield Table(
         title,
         words("frame", found.ground.frames),
-        numbers("pressing", largest, _force_text, "N"),
-        numbers("when", [row.time for row in rows], seconds, "s"),
-        numbers("least", [row.least for row in rows], _force_text, "N"),
-        numbers("sideways", [row.sideways for row in rows], _force_text, "N"),
+        numbers("pressing", max_pressing, _force_text, "N"),
+        numbers("when", [forces.time for forces in forces_by_frame], seconds, "s"),
+        numbers("least", [forces.min_pressing for forces in forces_by_frame], _force_text, "N"),
+        numbers("sideways", [forces.max_sideways for forces in forces_by_frame], _force_text, "N"),
         friction_column,
         most=_MAX_ROWS,
-        by=largest,
+        by=max_pressing,  # a short report has the frames with the largest forces
     )
 
 
 class _FrameForces(NamedTuple):
     """Forces of the ground on one frame along a motion [N]."""
 
-    largest: float
-    """Largest pressing force."""
-    least: float
-    """Least pressing force at instants at which the frame carries; nan if it never does."""
-    sideways: float
+    max_pressing: float
+    """Largest normal force of all contacts of the frame together."""
+    min_pressing: float
+    """Smallest normal force at instants at which the frame carries; nan if it never does."""
+    max_sideways: float
     """Largest sum of the tangential forces of the contacts."""
     share_of_friction: float
-    """Largest share of the friction that a contact uses; nan without friction."""
+    """Largest share of its friction that a contact uses; nan without friction."""
     time: float
-    """Time of the largest force [s]."""
+    """Time of the largest normal force [s]."""
 
 
 def _forces_on_frame(found: GroundSupport, frame: str) -> _FrameForces:
@@ -83,17 +86,20 @@ def _forces_on_frame(found: GroundSupport, frame: str) -> _FrameForces:
     tangential_forces = np.linalg.norm(forces - normal_forces[..., None] * normals, axis=-1)
     pressing = normal_forces.sum(axis=1)
     peak_row = int(pressing.argmax())
+    max_pressing = float(pressing[peak_row])
     carrying = found.in_contact[:, contacts].any(axis=1) & found.balanced
-    least = share = math.nan
+    min_pressing = math.nan
     if carrying.any():
-        least = float(pressing[carrying].min())
+        min_pressing = float(pressing[carrying].min())
+    share = math.nan
     if friction.any():
-        limits = friction * normal_forces
-        is_loaded = limits > 1e-9 * max(1.0, float(pressing[peak_row]))
-        shares = np.where(is_loaded, tangential_forces / np.where(is_loaded, limits, 1.0), 0.0)
+        max_tangential = friction * normal_forces
+        is_loaded = max_tangential > _MIN_FRICTION_SHARE * max(1.0, max_pressing)
+        divisor = np.where(is_loaded, max_tangential, 1.0)
+        shares = np.where(is_loaded, tangential_forces / divisor, 0.0)
         share = float(shares.max(initial=0.0))
-    sideways = float(tangential_forces.sum(axis=1).max(initial=0.0))
-    return _FrameForces(float(pressing[peak_row]), least, sideways, share, float(found.time[peak_row]))
+    max_sideways = float(tangential_forces.sum(axis=1).max(initial=0.0))
+    return _FrameForces(max_pressing, min_pressing, max_sideways, share, float(found.time[peak_row]))
 
 
 def _force_text(force: float) -> str:
@@ -122,13 +128,15 @@ def support_columns(found: GroundSupport) -> dict[str, Array]:
     for frame in found.ground.frames:
         contacts = found.ground.contacts_at(frame)
         forces = found.balanced_forces[:, contacts]
-        columns[f"{frame}.fx [N]"], columns[f"{frame}.fy [N]"], columns[f"{frame}.fz [N]"] = forces.sum(axis=1).T
+        for axis, component in zip("xyz", forces.sum(axis=1).T, strict=True):
+            columns[f"{frame}.f{axis} [N]"] = component
         if len(contacts) > 1:
             normal_forces = (forces * normals[contacts]).sum(axis=-1)
             pressing = normal_forces.sum(axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):  # NaN where the frame does not carry
                 centre = np.einsum("nk,nkx->nx", normal_forces, points[:, contacts]) / pressing[:, None]
-            columns[f"{frame}.cop_x [m]"], columns[f"{frame}.cop_y [m]"] = (centre @ axes.T).T
+            centre_on_ground = centre @ axes.T  # (n, 2)
+            columns[f"{frame}.cop_x [m]"], columns[f"{frame}.cop_y [m]"] = centre_on_ground.T
         columns[f"{frame}.contact"] = found.in_contact[:, contacts].any(axis=1).astype(float)
     columns["speed_margin"] = found.speed
     columns["friction_needed"] = found.friction

@@ -34,7 +34,10 @@ write, so an output may be an input's array; two outputs must not overlap."""
 
 
 def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) -> str:
-    """Text of the .h file: conventions, joint order, and a prototype with meaning and cost for each function."""
+    """Text of the .h file: conventions, joint order, and a prototype with meaning and cost for each function.
+
+    ``stem`` is the file's name without its ending.
+    """
     precision = requests[0].function.precision
     gx, gy, gz = map(file_number, robot.gravity)
     description = [
@@ -46,34 +49,37 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
         "",
         *entries(robot),
     ]
-    guard = f"{identifier(stem) or prefix}_H".upper()
+    guard = f"{identifier(stem) or prefix}_H".upper()  # macro that keeps the header from being included twice
     if not guard[0].isalpha():
         guard = f"H_{guard}"
-    parts = [
+    prototypes = [f"{comment(comment_lines(robot, request))}\n{request.function.prototype};" for request in requests]
+    sections = [
         comment(description),
         f"#ifndef {guard}\n#define {guard}",
         '#ifdef __cplusplus\nextern "C" {\n#endif',
         f"/* Entries of q, and of dq, ddq and tau. */\n"
         f"#define {prefix.upper()}_NQ {robot.nq}\n#define {prefix.upper()}_NV {robot.nv}",
-        *(f"{comment(comment_lines(robot, request))}\n{request.function.prototype};" for request in requests),
+        *prototypes,
         f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {guard} */",
     ]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(sections) + "\n"
 
 
 def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
-    """Text of the .c file."""
+    """Text of the .c file; ``stem`` is its name without the ending."""
     precision = requests[0].function.precision
     description = f"Dynamics of the robot {robot.name} in C99, one operation a line. See {stem}.h for the interface."
-    parts = [
+    sections = [
         comment([description]),
         f'#include "{stem}.h"\n\n#include <math.h>',
-        # So that products and sums are rounded as in the kernels; for GCC, -ffp-contract=off does it.
+        # Clang then rounds products and sums as in the kernels; GCC does so with -ffp-contract=off.
         "#ifdef __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif",
     ]
     if any(request.function.fuses for request in requests):
-        parts.append(FUSED_MACROS.format(fma=f"fma{PRECISIONS[precision]}").rstrip())
-    return "\n\n".join([*parts, *(request.function.definition for request in requests)]) + "\n"
+        fma_function = f"fma{PRECISIONS[precision]}"  # such as fmaf
+        sections.append(FUSED_MACROS.format(fma=fma_function).rstrip())
+    sections += [request.function.definition for request in requests]
+    return "\n\n".join(sections) + "\n"
 
 
 _MAX_CUDA_LENGTH = 40_000
@@ -125,7 +131,7 @@ def export_c(
     for ending, file in paths.items():
         if ending != ".c":
             paths_by_label[f"{label} (its {ending})"] = file
-    check_outputs(paths_by_label, {"the robot": file_of(robot), **(inputs or {})})
+    check_outputs(paths_by_label, {"the robot": file_of(robot), **(inputs or {})})  # raises ValueRangeError
     exports = requests(robot, quantities, precision, prefix)
     stem = source_path.stem
     texts = {".h": header(robot, exports, stem, prefix), ".c": source(robot, exports, stem)}
@@ -134,10 +140,10 @@ def export_c(
     with replacing_together(list(paths.values())) as temporary_files:
         for ending, file in zip(paths, temporary_files, strict=True):
             file.write_text(texts[ending], encoding="utf-8", newline="\n")
-    check = ""
+    test_command = ""
     if test:
-        check = f"cc -O2 {quote(str(source_path))} {quote(str(paths['_test.c']))} -lm && ./a.out"
-    return Written(paths.values(), source_path, robot.name, check)
+        test_command = f"cc -O2 {quote(str(source_path))} {quote(str(paths['_test.c']))} -lm && ./a.out"
+    return Written(paths.values(), source_path, robot.name, test_command)
 
 
 def export_cuda(
@@ -219,7 +225,7 @@ def _source_path(path: str | Path, prefix: str, label: str) -> Path:
 
 
 def file_of(robot: Robot) -> str | None:
-    """File that the robot was read from, or None."""
+    """Path of the file that the robot was read from; None if there is no such file."""
     source = robot.model.source
     try:
         is_file = bool(source) and Path(source).is_file()

@@ -15,7 +15,7 @@ from .request import Request
 if TYPE_CHECKING:
     from .. import Robot
 
-_OPERATIONS_BY_LABEL = {
+_OPERATIONS_BY_LABEL = {  # names of :data:`ARITY`
     "multiplications": ("mul",),
     "additions": ("add", "sub"),
     "fused multiply-adds": tuple(FUSED),
@@ -28,16 +28,18 @@ _OPERATIONS_BY_LABEL = {
 
 
 def comment(lines: Sequence[str]) -> str:
-    """Block comment; names from robot files cannot end it or hide in it."""
-    safe = "\n".join(lines).replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")  # ?? begins a trigraph
-    printable = "".join(character if character.isprintable() or character == "\n" else "?" for character in safe)
+    """Block comment in C; names from robot files can neither end it nor hide text in it."""
+    text = "\n".join(lines)
+    for token in ("*/", "/*", "??"):  # ?? begins a trigraph
+        text = text.replace(token, f"{token[0]} {token[1]}")
+    printable = "".join(character if character.isprintable() or character == "\n" else "?" for character in text)
     ascii_text = printable.encode("ascii", "backslashreplace").decode()
     body = "\n".join(f" * {line}".rstrip() for line in ascii_text.split("\n"))
     return f"/*\n{body}\n */"
 
 
 def entries(robot: Robot) -> Iterator[str]:
-    """Entries of q and dq, with their units."""
+    """Lines that list the entries of q and of dq, with their units."""
     yield "Entries of q:"
     names = robot.coordinate_names
     width = max(map(len, names))
@@ -51,7 +53,8 @@ def entries(robot: Robot) -> Iterator[str]:
     for body in robot.model.leaders:
         for is_angular in body.joint.turning:
             units_text = ", ".join(unit_of(part, is_angular) for part in ("dq", "ddq", "tau"))
-            yield f"  {k:3}  {body.joint.name:{width}}  {units_text.replace('²', '^2')}"  # ASCII, as C is
+            ascii_units = units_text.replace("²", "^2")
+            yield f"  {k:3}  {body.joint.name:{width}}  {ascii_units}"
             k += 1
     if robot.model.quaternions:
         yield "A quaternion (qw, qx, qy, qz) may have any length but zero."
@@ -86,21 +89,22 @@ def comment_lines(robot: Robot, request: Request) -> list[str]:
     outputs_text = ", ".join(parameter_texts[input_count:])
     lines.append(f"In: {inputs_text}. Out: {outputs_text}.")
     lines.append(f"{_operations_text(program)}.")
-    names = options.get("parameters")
-    if names:
+    parameter_names = options.get("parameters")
+    if parameter_names:
         robot_values = nominal(robot.model)
-        width = max(map(len, names))
+        width = max(map(len, parameter_names))
         lines.append("Entries of parameters, and the robot's own numbers:")
-        lines += [f"  {k:3}  {name:{width}}  {file_number(robot_values[name])}" for k, name in enumerate(names)]
+        for k, name in enumerate(parameter_names):
+            lines.append(f"  {k:3}  {name:{width}}  {file_number(robot_values[name])}")
     return lines
 
 
 def _operations_text(program: Program) -> str:
-    """Numbers of operations of each kind."""
+    """Numbers of operations of each kind as text."""
     counts = program.counts()
-    parts = []
+    texts = []
     for label, operations in _OPERATIONS_BY_LABEL.items():
         total = sum(counts.get(operation, 0) for operation in operations)
         if total:
-            parts.append(f"{total} {label}")
-    return ", ".join(parts) or "No operation"
+            texts.append(f"{total} {label}")
+    return ", ".join(texts) or "No operation"

@@ -26,7 +26,7 @@ _ROUNDING_MARGIN = 16.0
 """Allowed ratio of C's rounding error to the kernel's: C has other sines, and two roundings where it has no fma."""
 
 _EPS = {"double": float(np.finfo(np.float64).eps), "float": float(np.finfo(np.float32).eps)}
-"""Rounding error of a number by the name of its C type."""
+"""Relative rounding error of a number, by the name of its C type."""
 
 _C_FUNCTIONS = """\
 /* The largest difference over the largest entry; NaN, which no comparison allows, where a result is not a number. */
@@ -62,22 +62,22 @@ def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
         f"Build it together with {stem}.c, and link the mathematical library (-lm).",
         "Exit status 0: all agree to rounding. 1: some do not.",
     ]
-    parts = [
+    sections = [
         comment(description),
         f'#include "{stem}.h"\n\n#include <math.h>\n#include <stdio.h>',
         _C_FUNCTIONS.format(type=precision, f=suffix, zero=f"0.0{suffix}"),
     ]
     calls = []
     for request in requests:
-        parts += _data_and_test(robot, request)
+        sections += _data_and_test(robot, request)
         calls.append(f"    passed &= test_{request.function.name}();")
-    main_function = ["int main(void)", "{", "    int passed = 1;", *calls, "    return passed ? 0 : 1;", "}"]
-    parts.append("\n".join(main_function))
-    return "\n\n".join(parts) + "\n"
+    main_lines = ["int main(void)", "{", "    int passed = 1;", *calls, "    return passed ? 0 : 1;", "}"]
+    sections.append("\n".join(main_lines))
+    return "\n\n".join(sections) + "\n"
 
 
 def _data_and_test(robot: Robot, request: Request) -> tuple[str, str]:
-    """C text of the data and of the test of one function."""
+    """C texts of one function: data of the states with expected results, and a function that tests it."""
     function = request.function
     program, precision = function.program, function.precision
     dtype = np.float32 if precision == "float" else np.float64
@@ -86,7 +86,8 @@ def _data_and_test(robot: Robot, request: Request) -> tuple[str, str]:
     expected, tolerances = results_at_states(robot, request, inputs, kernel)
     ports = (*program.inputs, *program.outputs)
     table_names = [f"{function.name}_{parameter}" for parameter in function.parameters]
-    tables = [np.reshape(x, (STATES, port.size)) for port, x in zip(ports, (*inputs, *expected), strict=True)]
+    arrays = (*inputs, *expected)
+    tables = [np.reshape(array, (STATES, port.size)) for port, array in zip(ports, arrays, strict=True)]
     data = "\n".join(_table_text(name, table, precision) for name, table in zip(table_names, tables, strict=True))
     input_count = len(program.inputs)
     outputs = function.parameters[input_count:]
@@ -114,7 +115,7 @@ def _data_and_test(robot: Robot, request: Request) -> tuple[str, str]:
 
 
 def inputs_at_states(robot: Robot, request: Request, dtype: type, count: int = STATES) -> list[Array]:
-    """Reproducible inputs: configurations inside the limits, everything else of order 1."""
+    """Reproducible inputs at ``count`` states: configurations inside the limits, all other numbers of order 1."""
     rng = np.random.default_rng(0)
 
     def values_at_states(port: TensorSpec) -> Array:
@@ -131,10 +132,11 @@ def results_at_states(
 ) -> tuple[list[Array], list[float]]:
     """Kernel results, and for each output the allowed deviation, relative to the largest entry.
 
-    The deviation of another order of rounding grows with the condition of the state. It is estimated by the difference
-    of the single- and double-precision kernels. In double precision it is smaller by the ratio of the precisions.
+    A deviation by other rounding grows with the condition of the state. It is estimated by the difference of the kernels of
+    single and double precision. In double precision, it is smaller by the ratio of the precisions.
     """
-    ports, precision = request.function.program.outputs, request.function.precision
+    ports = request.function.program.outputs
+    precision = request.function.precision
 
     def kernel_results(arrays: Sequence[Array]) -> list[Array]:
         returned = kernel(*arrays)
@@ -142,13 +144,15 @@ def results_at_states(
             returned = (returned,)
         return list(map(np.asarray, returned))
 
-    float32_inputs = [a.astype(np.float32) for a in inputs]
-    with np.errstate(all="ignore"):
-        single = kernel_results(float32_inputs)
-        double = kernel_results([a.astype(np.float64) for a in float32_inputs])
+    float32_inputs = [array.astype(np.float32) for array in inputs]
+    with np.errstate(all="ignore"):  # numbers that are not finite are reported below
+        single_results = kernel_results(float32_inputs)
+        double_results = kernel_results([array.astype(np.float64) for array in float32_inputs])
         expected = kernel_results(inputs)
     tolerances = []
-    for port, in_single, in_double, expected_values in zip(ports, single, double, expected, strict=True):
+    for port, in_single, in_double, expected_values in zip(
+        ports, single_results, double_results, expected, strict=True
+    ):
         if not (np.isfinite(expected_values).all() and np.isfinite(in_single).all()):
             raise KernelError(
                 f"{request.quantity}: {port.name} is not finite at every configuration of robot {robot.name!r}, so no "
@@ -166,7 +170,7 @@ def largest_entry(array: Array) -> float:
 
 
 def _table_text(name: str, table: Array, precision: str) -> str:
-    """C array of the test states, a row each."""
+    """C array with a row for each test state."""
     row_texts = []
     for row in table:
         literals = ", ".join(_hex(x, precision) for x in row)

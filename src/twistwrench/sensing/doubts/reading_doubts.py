@@ -19,13 +19,17 @@ if TYPE_CHECKING:
 POSE_SIGNIFICANCE = 1e-4
 """Significance level of a doubt about the poses."""
 SEARCH_SIGNIFICANCE = 1e-2
-"""Significance level from which on other explanations are tried."""
+"""Significance level from which other explanations are tried."""
 MIN_RATIO_OFF_PLANE = 10.0
 """Ratio to the noise above which a wrong sign is evident without a test."""
 MAX_NOISE_OF_RADIUS = 0.1
 """Largest ratio of noise to radius for which forces of equal size lie on a sphere."""
-_STEPS_IN_MOTION = (1e-4, 0.2)
-"""Smallest median step and largest step [rad] between consecutive readings of a log in motion."""
+_MIN_MEDIAN_STEP = 1e-4
+"""Smallest median step [rad] between the directions of consecutive readings of a log in motion."""
+_MAX_STEP = 0.2
+"""Largest step [rad] between the directions of consecutive readings of a log in motion."""
+_MIN_READINGS_OF_SPHERE = 7
+"""Smallest number of readings for the fit of a sphere, which has four unknowns."""
 MIN_READINGS_OF_MOTION = 10
 """Smallest number of readings for the test of motion."""
 
@@ -35,10 +39,9 @@ def seems_moving(log: ReadingLog) -> bool:
     if log.V is not None or len(log) < MIN_READINGS_OF_MOTION:
         return False
     directions = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    step = np.linalg.norm(np.diff(directions, axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(directions, axis=0), axis=1)
     extent = np.ptp(directions, axis=0).max()
-    smallest, largest = _STEPS_IN_MOTION
-    return bool(smallest < np.median(step) and step.max() < largest and extent > largest)
+    return bool(np.median(steps) > _MIN_MEDIAN_STEP and steps.max() < _MAX_STEP and extent > _MAX_STEP)
 
 
 def listed_bias(bias: Array) -> str:
@@ -47,22 +50,23 @@ def listed_bias(bias: Array) -> str:
 
 
 def misfit(log: ReadingLog, found: Fit, kept: Array) -> float:
-    """Residual of the forces as a fraction of their change in the log."""
+    """Residual (rms) of the forces as a fraction of their change in the log; ``kept`` (n,) marks the used rows."""
     f = log.readings[kept][:, 3:]
-    change = float(np.sqrt(np.mean((f - f.mean(axis=0)) ** 2)))
-    residual = float(np.sqrt(np.mean(found.residuals[kept][:, 3:] ** 2)))
-    return residual / change if change else 0.0
+    rms_change = float(np.sqrt(np.mean((f - f.mean(axis=0)) ** 2)))
+    rms_residual = float(np.sqrt(np.mean(found.residuals[kept][:, 3:] ** 2)))
+    return rms_residual / rms_change if rms_change else 0.0
 
 
 def is_planar(log: ReadingLog, found: Fit, kept: Array, mass: float) -> bool:
-    """True if gravity lies in a plane within noise: a half turn about its normal is then the same as the other sign."""
+    """True if gravity lies in a plane within noise. A half turn about the plane's normal then equals the other sign."""
     g = log.gravity[kept]
     if found.unknowns.bias:  # a constant component is absorbed by the bias
         g = g - g.mean(axis=0)
     extent_off_plane = 0.0
     if len(g) > 2:
-        extent_off_plane = float(np.linalg.svd(g, compute_uv=False)[-1])
-    return 2.0 * mass * extent_off_plane < MIN_RATIO_OFF_PLANE * float(found.noise[1])
+        _, _, extent_off_plane = np.linalg.svd(g, compute_uv=False).tolist()
+    _, force_noise = found.noise
+    return 2.0 * mass * extent_off_plane < MIN_RATIO_OFF_PLANE * float(force_noise)
 
 
 def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
@@ -74,7 +78,7 @@ def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
 
     f = log.readings[found.kept][:, 3:]
     n = len(f)
-    if log.V is not None or n < 7:
+    if log.V is not None or n < _MIN_READINGS_OF_SPHERE:
         return None
     mean = f.mean(axis=0)
     scale = float(np.linalg.norm(f - mean, axis=1).max())
@@ -83,7 +87,7 @@ def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
     u = (f - mean) / scale  # forces in units in which their spread is 1
     A = np.column_stack([2 * u, np.ones(n)])
     x, _, rank, _ = np.linalg.lstsq(A, (u * u).sum(axis=1), rcond=1e-6)
-    if rank < 4:
+    if rank < 4:  # forces in a plane determine no sphere
         return None
     centre = x[:3]
     radius = math.sqrt(max(float(x[3] + centre @ centre), 1e-300))
@@ -112,11 +116,11 @@ def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
     x, _, rank, _ = np.linalg.lstsq(A, readings, rcond=1e-6)
     scale = np.repeat(found.spread(kept), 3)
     map_freedom = 6.0 * (len(g) - rank)
-    freedom = 6.0 * len(g) - len(found.unknowns.names)
-    if map_freedom <= 0 or freedom <= map_freedom:  # no test is possible
+    fit_freedom = 6.0 * len(g) - len(found.unknowns.names)
+    if map_freedom <= 0 or fit_freedom <= map_freedom:  # no test is possible
         return True
-    map_sum = float((((readings - A @ x) / scale) ** 2).sum())
-    reduction = float(((found.residuals[kept] / scale) ** 2).sum()) - map_sum
-    further_unknowns = freedom - map_freedom
-    limit = float(special.fdtri(further_unknowns, map_freedom, 1 - SEARCH_SIGNIFICANCE))
-    return reduction / further_unknowns - map_sum / map_freedom * limit > 0
+    map_sum = float((((readings - A @ x) / scale) ** 2).sum())  # of squares
+    fit_sum = float(((found.residuals[kept] / scale) ** 2).sum())
+    additional_unknowns = fit_freedom - map_freedom
+    limit = float(special.fdtri(additional_unknowns, map_freedom, 1 - SEARCH_SIGNIFICANCE))
+    return (fit_sum - map_sum) / additional_unknowns - map_sum / map_freedom * limit > 0

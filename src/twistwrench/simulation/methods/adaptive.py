@@ -31,7 +31,11 @@ MIN_STEP_FACTOR = 0.2
 MAX_STEP_FACTOR = 5.0
 """Largest ratio of a step to the one before it."""
 _FACTOR_AFTER_OVERFLOW = 0.1
-"""Ratio of a step to the one before it if the error of that one is not finite."""
+"""Ratio of a step to the one before it if the error of the latter is not finite."""
+_MIN_RELATIVE_STEP = 1e-14
+"""Smallest step, relative to the time; shorter steps are a failure."""
+_ROUNDING_OF_TIME = 1e-12
+"""Largest difference of two equal times, relative to the duration."""
 
 
 class Stepper:
@@ -50,7 +54,7 @@ class Stepper:
         self.trials = trials or FunctionTrials(system, self.scheme, (rtol, atol))
         self.stiffness = Stiffness(system, self.trials, duration)
         self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
-        """Exponent of the error in the ratio of steps."""
+        """Exponent of the error in the ratio of the next step to this step."""
         self.h = 0.0
         """Length of the next step [s]; 0 before the first."""
         self.rejected = 0
@@ -63,7 +67,7 @@ class Stepper:
         """Start time, length, first state and stage rates K of the last accepted step."""
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
-        """Time and state after one accepted step, not beyond ``until``."""
+        """Time and state after one accepted step, not beyond ``until``; ``rate`` is f(t, y)."""
         trials = self.trials
         h = self.h
         if not h:
@@ -71,7 +75,9 @@ class Stepper:
         h = min(h, self.longest)
         max_factor = MAX_STEP_FACTOR
         while True:
-            t1 = until if t + 1.01 * h >= until else t + h  # leaves no tiny step before `until`
+            t1 = (
+                until if t + 1.01 * h >= until else t + h
+            )  # a hundredth longer rather than a tiny step before ``until``
             step = t1 - t
             error, steepness, distance, self.speed = trials.attempt(t, y, rate, step)
             self.stiffness.note(t, step, steepness, distance)
@@ -83,7 +89,8 @@ class Stepper:
                 factor = max_factor
                 if error > 0:
                     factor = min(max_factor, self._step_factor(error))
-                if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` does not predict the next one
+                is_shortened = step < 0.99 * h  # by ``until``: such a step does not predict the next step
+                if not is_shortened or factor < 1.0:
                     self.h = step * factor
                 trials.accept()
                 self.rate_after = K[-1]
@@ -95,18 +102,18 @@ class Stepper:
             if np.isfinite(error):
                 factor = self._step_factor(error)
             h = step * factor
-            if h < 1e-14 * max(t, 1e-3):
+            if h < _MIN_RELATIVE_STEP * max(t, 1e-3):
                 raise self._failure(t, h, y, y1)
 
     def _step_factor(self, error: float) -> float:
-        """Ratio of the next step to this one, by the norm of the error of this one."""
+        """Ratio of the next step to this step, by the norm of the error of this step."""
         return max(MIN_STEP_FACTOR, _SAFETY * error**self.power)
 
     def _failure(self, t: float, h: float, y: Array, y1: Array) -> SimulationError:
-        """Error message for steps that shrink without end."""
+        """Error message for steps that shrink without end, with the joint of the largest error."""
         relative_errors = np.abs(self.trials.errors[self.trials.count] / self._tolerance(y, y1))
-        errors = relative_errors[self.system.moving]
-        worst = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
+        velocity_errors = relative_errors[self.system.moving]
+        worst = int(np.argmax(np.where(np.isfinite(velocity_errors), velocity_errors, np.inf)))
         return SimulationError(
             f"at t = {printed(t, 9)} s steps shrink below {residual(h)} s and still miss the tolerance, most of "
             f"all in joint {self.system.robot.model.velocity_names[worst]!r}: a force there jumps, or grows "
@@ -127,7 +134,10 @@ class Stepper:
         return self.atol + self.rtol * np.maximum(np.abs(y), np.abs(y1))
 
     def total_error(self, spans: Array) -> Array:
-        """Sum of the estimated errors of all steps with order 4, (nv,) [rad or m]; velocity errors count ``spans`` (nv) [s]."""
+        """Sum of the estimated errors of all steps with order 4, (nv,) [rad or m].
+
+        An error of a velocity counts as the error of a position after the time in ``spans`` (nv,) [s].
+        """
         errors = self.trials.total
         position_errors = self.system.manifold.errors(errors[: self.system.nq])
         return np.asarray(position_errors + spans * errors[self.system.moving])
@@ -146,10 +156,10 @@ class Stepper:
         """Initial step in which linear extrapolation changes the state by 1 %; 1e-6 s if the state or its rate is tiny."""
         scale = self.atol + self.rtol * np.abs(y)
         motion = slice(0, self.system.size - len(WORKS))  # coordinates and velocities
-        d0 = float(np.sqrt(np.mean(np.square((y / scale)[motion]))))
-        d1 = float(np.sqrt(np.mean(np.square((rate / scale)[motion]))))
-        is_tiny = min(d0, d1) < 1e-5 or not np.isfinite(d1)
-        h = 1e-6 if is_tiny else 0.01 * d0 / d1
+        state_size = float(np.sqrt(np.mean(np.square((y / scale)[motion]))))  # in tolerances
+        rate_size = float(np.sqrt(np.mean(np.square((rate / scale)[motion]))))
+        is_tiny = min(state_size, rate_size) < 1e-5 or not np.isfinite(rate_size)
+        h = 1e-6 if is_tiny else 0.01 * state_size / rate_size
         return min(h, span, self.longest)
 
 
@@ -179,108 +189,118 @@ def run_dense(run: Run, stepper: Stepper, trials: TrialSteps) -> None:
                 y1 = run.stable_state(t, t1, y1)
             if t == 0.0 and run.leaves_at_once(y, y1, t1):
                 return
-            due_steps.add(t, stepper.last[1])
+            _, h, _, _ = stepper.last
+            due_steps.add(t, h)
             t, y, rate = t1, y1, stepper.rate_after
             if not is_flat:  # the rates of normalised quaternions differ from those of the last stage
                 rate = rate.copy()
                 system.manifold.rates(*system.split(y), out=rate[: system.nq])
             run.advance(t, y)
-            if trials.full or due_steps.many:
-                if due_steps.keep():
+            if trials.full or due_steps.are_many:
+                run_has_ended = due_steps.store()
+                if run_has_ended:
                     return
                 trials.restart()
     except (SimulationError, KeyboardInterrupt) as problem:
-        if due_steps.keep() and isinstance(problem, SimulationError):  # the run ended before the failure
+        run_has_ended = due_steps.store()
+        if run_has_ended and isinstance(problem, SimulationError):  # before the failure
             return
         raise
-    if not due_steps.keep():
+    run_has_ended = due_steps.store()
+    if not run_has_ended:
         run.keep_all(np.array([t]), y[None])
 
 
 class _DueSteps:
-    """Accepted steps whose dense output is not yet stored and checked: the rows of the trials, in the same order."""
+    """Accepted steps whose dense output is not yet stored and checked; step j is row j of the trials."""
 
     def __init__(self, run: Run, stepper: Stepper, trials: TrialSteps) -> None:
         self.run = run
         self.trials = trials
         self.dense = stepper.scheme.dense
-        self.kept = 1
+        self.stored_count = 1
         """Number of stored states."""
         self.steps: list[tuple[float, float, int, int]] = []
         """Start time and length of each step [s]; evaluations and rejected steps up to its end."""
-        self.first = run.last[1].copy()
+        _, first_state = run.last
+        self.first_state = first_state.copy()
         """State at the start of the first step."""
         self._max_states = max(1, MAX_DENSE_ENTRIES // (5 * run.system.size))
         """Largest number of states evaluated at once."""
 
     @property
-    def many(self) -> bool:
-        """True if enough states are due to be stored now."""
-        return self.run.last[0] > (self.kept + self._max_states) * self.run.h * self.run.every
+    def are_many(self) -> bool:
+        """True if so many states are due that they are stored now."""
+        t, _ = self.run.last
+        return t > (self.stored_count + self._max_states) * self.run.h * self.run.every
 
     def add(self, t: float, h: float) -> None:
         """Add the step from t that was accepted last."""
         self.steps.append((t, h, self.run.system.evaluations, self.run.rejected))
 
-    def keep(self) -> bool:
+    def store(self) -> bool:
         """Store the states at all times due within the steps, by dense output; True if the run ends there."""
         run = self.run
         n = len(self.steps)
         if not n:
             return False
         spacing = run.h * run.every
-        rounding = 1e-12 * run.end  # largest difference of equal times
-        t0, lengths = np.array([step[:2] for step in self.steps]).T
-        t1 = np.append(t0[1:], run.last[0])
-        before = np.concatenate([self.first[None], self.trials.states[: n - 1]])  # states at t0
+        rounding = _ROUNDING_OF_TIME * run.end
+        t0 = np.array([t for t, _, _, _ in self.steps])
+        lengths = np.array([h for _, h, _, _ in self.steps])
+        end_time, _ = run.last
+        t1 = np.append(t0[1:], end_time)
+        before = np.concatenate([self.first_state[None], self.trials.states[: n - 1]])  # states at t0
         Q = np.tensordot(self.dense.T, self.trials.rates[:n], axes=(1, 1))  # (powers, n, size)
         max_states = self._max_states
         if run.detector is not None:
             max_states = run.n  # nothing is stored before all is checked
         while True:
-            stop = min(self.kept + max_states, int(t1[-1] / spacing) + 2)
-            due = np.arange(self.kept, stop) * spacing
-            due = due[(due < t1[-1] - rounding) & (due < run.end)]
-            if not len(due) and run.detector is None:
+            stop = min(self.stored_count + max_states, int(t1[-1] / spacing) + 2)
+            due_times = np.arange(self.stored_count, stop) * spacing
+            due_times = due_times[(due_times < t1[-1] - rounding) & (due_times < run.end)]
+            if not len(due_times) and run.detector is None:
                 break
-            k = np.searchsorted(t1 - rounding, due, side="right")  # step of each due time
-            since = due - t0[k]
-            since[np.abs(since) <= rounding] = 0.0
+            k = np.searchsorted(t1 - rounding, due_times, side="right")  # step of each due time
+            time_in_step = due_times - t0[k]
+            time_in_step[np.abs(time_in_step) <= rounding] = 0.0
             weights_from_highest_power = (weights[k] for weights in Q[::-1])
-            states = dense_states(before[k], lengths[k], since / lengths[k], weights_from_highest_power)
+            states = dense_states(before[k], lengths[k], time_in_step / lengths[k], weights_from_highest_power)
             for quaternion in run.system.robot.model.quaternions:
                 states[:, quaternion] /= np.linalg.norm(states[:, quaternion], axis=1, keepdims=True)
-            if run.detector is not None and self._end_at_event(before, k, since, states):
+            if run.detector is not None and self._end_at_event(before, k, time_in_step, states):
                 return True
-            run.keep_all(t0[k] + since, states)
-            self.kept += len(due)
+            run.keep_all(t0[k] + time_in_step, states)
+            self.stored_count += len(due_times)
             if run.detector is not None:
                 break
         self.steps = []
-        self.first = run.last[1].copy()
+        _, last_state = run.last
+        self.first_state = last_state.copy()
         return False
 
-    def _end_at_event(self, before: Array, k: NDArray[np.intp], since: Array, between: Array) -> bool:
+    def _end_at_event(self, before: Array, k: NDArray[np.intp], time_in_step: Array, between: Array) -> bool:
         """End the run at the first event in the steps that ends it, and discard later states; False if there is none.
 
         ``before`` (n, size) are the states at the starts of the steps. ``between`` (m, size) are the states to be stored:
-        in the steps k (m,), at the times ``since`` (m,) after the starts of these steps.
+        in the steps k (m,), at the times ``time_in_step`` (m,) after the starts of these steps.
         """
         run, trials = self.run, self.trials
         n = len(self.steps)
         assert run.detector is not None
         first_row = np.searchsorted(k, np.arange(n + 1)).tolist()  # of each step in ``between``
-        owners = np.concatenate([k, np.arange(n)])
-        order = np.argsort(owners, kind="stable")  # states within a step, then the one after it
+        step_of_state = np.concatenate([k, np.arange(n)])
+        order = np.argsort(step_of_state, kind="stable")  # states within a step, then the state after it
         states_in_order = np.concatenate([between, trials.states[:n]])[order]
         passes, gaps, margins = run.detector.mark_passings(states_in_order)
         evaluations_before = run.system.evaluations
-        for j in np.unique(owners[order][passes]).tolist():
+        steps_with_passings = np.unique(step_of_state[order][passes])
+        for j in steps_with_passings.tolist():
             t, h, evaluations_of_step, rejected_of_step = self.steps[j]
             rows = slice(first_row[j], first_row[j + 1])
             row_before = first_row[j] + j  # gaps have one row more for each step before, and one at the beginning
-            run.detector.stand(gaps[row_before], margins[row_before])
-            points = list(zip(since[rows].tolist(), between[rows], strict=True))
+            run.detector.store_values(gaps[row_before], margins[row_before])
+            points = list(zip(time_in_step[rows].tolist(), between[rows], strict=True))
             run.rate[:] = trials.rates[j, 0]
             state_at = run.along(t, before[j])
             end = run.locate_event(t, [*points, (h, trials.states[j])], state_at)
@@ -292,26 +312,28 @@ class _DueSteps:
             run.steps -= n - j
             run.last = t, before[j].copy()
             trials.count = j + 1
-            kept = slice(0, int(np.searchsorted(since[rows], end)) + first_row[j])
-            starts = np.array([step[0] for step in self.steps])
-            run.keep_all(starts[k[kept]] + since[kept], between[kept])
+            rows_before_end = slice(0, int(np.searchsorted(time_in_step[rows], end)) + first_row[j])
+            starts = np.array([start for start, _, _, _ in self.steps])
+            times = starts[k[rows_before_end]] + time_in_step[rows_before_end]
+            run.keep_all(times, between[rows_before_end])
             run.finish(t, end, state_at)
             return True
-        run.detector.stand(gaps[-1], margins[-1])
+        run.detector.store_values(gaps[-1], margins[-1])
         return False
 
 
 def dense_states(before: Array, lengths: Array, shares: Array, weights: Iterator[Array]) -> Array:
     """States y + h (θ w_1 + θ² w_2 + …), (m, size), at fractions θ (m,) of steps with the lengths h (m,) from y (m, size).
 
-    ``weights`` are the w (m, size), that of the highest power first; the first is overwritten. They are summed by Horner's
-    rule.
+    ``before`` are the y, and ``weights`` the w (m, size), from the highest power down; the array of the highest power is
+    overwritten. They are summed by Horner's rule.
     """
-    states, shares = next(weights), shares[:, None]
+    theta = shares[:, None]
+    states = next(weights)
     for w in weights:
-        states *= shares
+        states *= theta
         states += w
-    states *= shares * lengths[:, None]
+    states *= theta * lengths[:, None]
     states += before
     return states
 
@@ -322,29 +344,29 @@ def run_adaptive(run: Run, stepper: Stepper) -> None:
     y = run.begin()
     t, end = 0.0, run.end
     spacing = run.h * run.every
-    rounding = 1e-12 * end  # largest difference of equal times
+    rounding = _ROUNDING_OF_TIME * end
     run.sample(t, y)
     run.system.rates(t, y, run.rate)
     run.keep(t, y)
     if isinstance(stepper.trials, TrialSteps) and run.without_callbacks:
         run_dense(run, stepper, stepper.trials)
         return
-    kept = 1  # number of stored states
-    sample = 0  # number of the last sample of the controller
+    stored_count = 1  # number of stored states
+    sample_number = 0  # of the last sample of the controller
     while t < end:
         until = end
-        if run.controller is not None and sample + 1 < run.n:
-            until = (sample + 1) * run.h
+        if run.controller is not None and sample_number + 1 < run.n:
+            until = (sample_number + 1) * run.h
         t1, y1 = stepper.step(t, y, run.rate, until)
         run.rejected = stepper.rejected
         rate1 = stepper.rate_after
         y1 = run.stable_state(t, t1, y1)
         if t == 0.0 and run.leaves_at_once(y, y1, t1):
             return
-        first_due = kept
-        while kept * spacing < t1 - rounding and kept * spacing < end:
-            kept += 1
-        times = np.arange(first_due, kept) * spacing
+        first_due = stored_count
+        while stored_count * spacing < t1 - rounding and stored_count * spacing < end:
+            stored_count += 1
+        times = np.arange(first_due, stored_count) * spacing
         between = np.zeros((0, len(y)))
         if len(times):
             between = stepper.between(times)
@@ -354,10 +376,10 @@ def run_adaptive(run: Run, stepper: Stepper) -> None:
         run.keep_all(t + (times - t), between)
         t, y = t1, y1
         run.advance(t, y)
-        is_due = abs(kept * spacing - t) <= rounding and t < end
-        kept += is_due
+        is_due = abs(stored_count * spacing - t) <= rounding and t < end
+        stored_count += is_due
         if run.controller is not None and t == until and t < end:
-            sample += 1
+            sample_number += 1
             run.sample(t, y)
             run.system.rates(t, y, run.rate)
             if is_due:

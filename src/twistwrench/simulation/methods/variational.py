@@ -49,7 +49,9 @@ _MAX_ROUNDING = 1e-11
 LARGEST_TURN = 2.0
 """Largest rotation per step [rad]; the first omitted term is then below 1e-12."""
 _SERIES_TERMS = 13
+"""Number of terms of the series of a / (e^a - 1) and of tanh."""
 _EXPONENTIAL_TERMS = 20
+"""Number of terms of the exponential after the first."""
 
 
 _BERNOULLI = [Fraction(1)]
@@ -66,7 +68,7 @@ _TANH_SERIES = [
 
 
 def _adjoint(V: Array, constants: Array) -> Array:
-    """ad(V) (n, n) of velocities (n,) in the directions of a group, from its structure constants (n, n²)."""
+    """ad(V) (n, n) of velocities (n,) of a joint's group, from the group's structure constants (n, n²)."""
     return np.asarray(V @ constants).reshape(len(V), len(V))
 
 
@@ -95,7 +97,7 @@ class _Secant:
 
     def __init__(self, change: Array) -> None:
         self.inverse = np.eye(len(change))
-        """Inverse of the slope of the plain change, with the opposite sign."""
+        """Estimate of the inverse slope of the plain change by the unknowns, with the opposite sign."""
         self.plain_change = change
         """Last change of the plain iteration."""
         self.last_change = change
@@ -125,9 +127,10 @@ class Variational:
         """Lengths of the midpoint steps, as fractions of a step."""
         lengths = np.array(self.fractions)
         self.quadrature = np.cumsum(lengths) - 0.5 * lengths, lengths
+        """Midpoints and lengths of the midpoint steps, as fractions of a step."""
         self.terms = system.robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
         self.groups = system.manifold.groups
-        """Velocities, angular ones among them, and structure constants of each joint with several degrees of freedom."""
+        """For each joint with several degrees of freedom: its velocities, the angular ones of them, structure constants."""
 
     def on(self, system: System) -> Variational:
         """Same method for a copy of its system."""
@@ -143,17 +146,17 @@ class Variational:
         works = y[-len(WORKS) :].copy()
         ddq = rate[system.moving]
         xi = dq
-        xi_time = 0.0  # time to which the velocity xi belongs, after the start of the next midpoint step
+        xi_time = 0.0  # time of the velocity xi, after the start of the next midpoint step
         for c in self.fractions:
             xi = xi + (0.5 * c * h - xi_time) * ddq  # initial guess: velocity at the midpoint
-            q, p, xi, powers = self._step(t, q, p, xi, c * h)
+            q, p, xi, powers = self._midpoint_step(t, q, p, xi, c * h)
             t = t + c * h
             xi_time = -0.5 * c * h
             works += c * h * powers
         return np.concatenate([q, np.linalg.solve(system.robot.mass_matrix(q), p), works])
 
-    def _step(self, t: float, q0: Array, p0: Array, xi: Array, h: float) -> tuple[Array, Array, Array, Array]:
-        """One midpoint step; returns q and p after it, ξ, and the powers of the forces at the midpoint (4,)."""
+    def _midpoint_step(self, t: float, q0: Array, p0: Array, xi: Array, h: float) -> tuple[Array, Array, Array, Array]:
+        """q and p after one midpoint step, ξ, and the powers of the forces at the midpoint (4,); xi is a guess of ξ."""
         system = self.system
         powers = np.zeros(len(WORKS))
         secant: _Secant | None = None
@@ -193,17 +196,17 @@ class Variational:
         raise self._failure(t, f"{MAX_ITERATIONS} iterations found no balance", change)
 
     def _midpoint_terms(self, xi: Array, h: float, p: Array, G: Array) -> tuple[Array, Array]:
-        """(a / (e^a - 1))ᵀ p and (1 + E)⁻ᵀ G, after ad(ξ)ᵀ p is subtracted from G.
+        """(a / (e^a - 1))ᵀ p and (1 + E)⁻ᵀ G, after ad(ξ)ᵀ p is subtracted from G in place.
 
-        In the loops, a stands for its transpose, and (1 + E)⁻ᵀ = ½ - ½ tanh(a/4).
+        In the loops, k are the velocities of a joint, a stands for its transpose, and (1 + E)⁻ᵀ = ½ - ½ tanh(a/4).
         """
-        transposed_ads = [(k, _adjoint(xi[k], c).T) for k, _, c in self.groups]
-        for k, ad in transposed_ads:
-            G[k] -= ad @ p[k]
+        transposed_ads = [(k, _adjoint(xi[k], constants).T) for k, _, constants in self.groups]
+        for k, transposed_ad in transposed_ads:
+            G[k] -= transposed_ad @ p[k]
         p_term = p.copy()
         G_term = 0.5 * G
-        for k, ad in transposed_ads:
-            a = h * ad
+        for k, transposed_ad in transposed_ads:
+            a = h * transposed_ad
             ap = a.dot(p[k])
             p_term[k] = p[k] - 0.5 * ap + a.dot(a.dot(_even_series(a, p[k], _BERNOULLI_SERIES)))  # Σ B_n / n! a^n p
             G_term[k] = 0.5 * G[k] - a.dot(_even_series(a, G[k], _TANH_SERIES))
@@ -211,15 +214,16 @@ class Variational:
 
     def _momentum_after(self, eta: Array, p0: Array, impulse: Array) -> Array:
         """Momentum p1 = Eᵀ (Eᵀ p0 + h G), with the ``impulse`` h G."""
-        p1 = p0 + impulse
-        for k, _, c in self.groups:
-            half = 0.5 * _adjoint(eta[k], c).T
-            p1[k] = _exponential(half, _exponential(half, p0[k]) + impulse[k])
+        p1 = p0 + impulse  # where E = 1
+        for k, _, constants in self.groups:
+            half_a = 0.5 * _adjoint(eta[k], constants).T
+            p1[k] = _exponential(half_a, _exponential(half_a, p0[k]) + impulse[k])
         return p1
 
     def _failure(self, t: float, problem: str, change: Array) -> SimulationError:
         """Error message for a step that failed, with the joint of the largest change."""
-        worst = int(np.argmax(np.where(np.isfinite(change), np.abs(change), np.inf)))
+        sizes = np.where(np.isfinite(change), np.abs(change), np.inf)
+        worst = int(np.argmax(sizes))
         name = self.system.robot.model.velocity_names[worst]
         return SimulationError(
             f"at t = {printed(t, 9)} s {problem}, first of all in joint {name!r}. Take a smaller dt."

@@ -30,8 +30,16 @@ _MAX_FORCE_LENGTH = 0.4
 """Length of the largest contact force in the picture, relative to the extent of the contacts and the robot."""
 _ARROW_STYLE = {"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 1.8}
 """Style of a contact force."""
+_MIN_DRAWN_FORCE = 1e-3
+"""Share of the largest force below which a force has no arrow."""
 _MAX_SPEED_FACTOR = 3.0
 """Factor of the speed above which margins are not drawn, unless all margins are larger."""
+_MIN_RELATIVE_FRICTION = 1e-9
+"""Largest friction, relative to the largest pressure, below which a contact carries nothing."""
+_WIDTH = 9.6
+"""Width of a figure [inches]."""
+_ROW_HEIGHT = 3.0
+"""Height of a row of plots [inches]."""
 
 
 def plot_support(
@@ -67,18 +75,20 @@ def plot_support(
     ...     plot_support(found, f"{folder}/grip.svg", time=np.linspace(0, 1, 20)).name
     'grip.svg'
     """
-    t = arguments.finite(arguments.one(time, "time", len(found.holds)), "time", len(found.holds))
-    points = np.broadcast_to([c.point for c in found.contacts], (len(t), len(found.contacts), 3))
+    row_count = len(found.holds)
+    t = arguments.finite(arguments.one(time, "time", row_count), "time", row_count)
+    points = np.broadcast_to([c.point for c in found.contacts], (row_count, len(found.contacts), 3))
     if robot is not None:
-        q = np.broadcast_to(arguments.finite([] if q is None else q, "q", robot.nq), (len(t), robot.nq))
+        configurations = arguments.finite([] if q is None else q, "q", robot.nq)
+        q = np.broadcast_to(configurations, (row_count, robot.nq))
         _, points = contact_maps(robot, q, found.contacts)
     has_robot = robot is not None
     has_zero_moment_point = bool(np.isfinite(found.zmp).any())
-    has_pictures = has_robot or has_zero_moment_point  # in the first row
-    has_curves = len(t) > 1 or not has_pictures  # in the last row
-    rows = has_pictures + has_curves
-    with style.figure(9.6, 3.0 * rows, str(found), "Drawing contact forces") as drawn:
-        grid = drawn.add_gridspec(rows, 2)
+    has_pictures = has_robot or has_zero_moment_point  # in the first row of plots
+    has_curves = row_count > 1 or not has_pictures  # in the last row of plots
+    plot_rows = has_pictures + has_curves
+    with style.figure(_WIDTH, _ROW_HEIGHT * plot_rows, str(found), "Drawing contact forces") as drawn:
+        grid = drawn.add_gridspec(plot_rows, 2)
         if has_robot:
             _draw_robot(drawn.add_subplot(grid[0, 0]), found, robot, q, points, t)
         if has_zero_moment_point:
@@ -99,7 +109,7 @@ def _draw_robot(axis: style.Axes, found: Support, robot: Any, q: Any, points: Ar
     if not found.holds[row] and len(rows_that_hold):
         nearest = np.abs(rows_that_hold - row).argmin()
         row = int(rows_that_hold[nearest])
-    axis.set_rasterization_zorder(_ARROW_ORDER)  # a robot is thousands of faces
+    axis.set_rasterization_zorder(_ARROW_ORDER)  # what is below the arrows is an image: a robot has thousands of faces
     camera = draw(axis, robot, q[row], inertia=False)
     moment = f"t = {seconds(float(t[row]))} s" if len(t) > 1 else "rest"
     title = f"Contact forces at {moment}"
@@ -108,11 +118,12 @@ def _draw_robot(axis: style.Axes, found: Support, robot: Any, q: Any, points: Ar
     style.titles(axis, title)
     forces = np.nan_to_num(found.forces[row])
     max_force = float(np.linalg.norm(forces, axis=1).max(initial=0.0))
-    size = float(np.ptp(points[row], axis=0).max(initial=0.0)) or 1.0
+    size = float(np.ptp(points[row], axis=0).max(initial=0.0)) or 1.0  # 1 m for a single contact
     for point, force in zip(points[row], forces, strict=True):
-        if np.linalg.norm(force) > 1e-3 * max_force > 0:
-            arrow = [point, point + _MAX_FORCE_LENGTH * size * force / max_force]
-            start, end = camera.project(arrow)[0]
+        if np.linalg.norm(force) > _MIN_DRAWN_FORCE * max_force > 0:
+            end_point = point + _MAX_FORCE_LENGTH * size * force / max_force
+            picture_points, _ = camera.project([point, end_point])
+            start, end = picture_points
             axis.annotate("", end, start, arrowprops=_ARROW_STYLE, zorder=_ARROW_ORDER)
     axis.autoscale_view()
 
@@ -121,9 +132,10 @@ def _draw_zero_moment_point(axis: style.Axes, found: Support, t: Array, points: 
     """Draw the zero moment point over time in the polygon of the contacts at the row that sets the speed."""
     from scipy.spatial import ConvexHull, QhullError
 
-    ground_points = points @ tangents(found.contacts[0].normal).T  # x and y of the contacts on the ground
-    carries = np.linalg.norm(np.nan_to_num(found.forces[found.worst]), axis=1) > 0
-    if not carries.any():
+    ground_points = points @ tangents(found.contacts[0].normal).T  # (n, c, 2): x and y of the contacts on the ground
+    force_sizes = np.linalg.norm(np.nan_to_num(found.forces[found.worst]), axis=1)
+    carries = force_sizes > 0
+    if not carries.any():  # no forces are known, so all contacts are drawn
         carries[:] = True
     carrying_points = ground_points[found.worst, carries]
     try:
@@ -132,13 +144,13 @@ def _draw_zero_moment_point(axis: style.Axes, found: Support, t: Array, points: 
         corners = carrying_points
     axis.fill(*corners.T, color=style.PALE, zorder=0)
     axis.plot(*carrying_points.T, "o", color=style.AXIS, markersize=4, linestyle="none", label="contacts that carry")
-    path = axis.scatter(found.zmp[:, 0], found.zmp[:, 1], c=t, s=6, cmap=style.time_colours(), zorder=3)
+    path_points = axis.scatter(found.zmp[:, 0], found.zmp[:, 1], c=t, s=6, cmap=style.time_colours(), zorder=3)
     label = f"t = {seconds(float(t[found.worst]))} s" if len(t) > 1 else "zero moment point"
     axis.plot(*found.zmp[found.worst], "x", color=style.POINTED, markersize=8, label=label)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set(xlabel="x [m]", ylabel="y [m]")
     if len(t) > 1:
-        axis.figure.colorbar(path, ax=axis, label="time [s]")
+        axis.figure.colorbar(path_points, ax=axis, label="time [s]")
     axis.legend(loc="lower right")
     style.titles(axis, "Zero moment point in the support polygon")
 
@@ -148,11 +160,11 @@ def _draw_margins(axis: style.Axes, found: Support, t: Array) -> None:
     min_speed = float(np.nanmin(found.speed, initial=np.inf))
     max_drawn_speed = _MAX_SPEED_FACTOR
     if np.isfinite(min_speed):
-        max_drawn_speed = max(_MAX_SPEED_FACTOR, 1.5 * min_speed)
-    speed = np.where(found.speed > max_drawn_speed, np.nan, found.speed)
-    friction = np.where(np.isfinite(found.friction), found.friction, np.nan)
-    axis.plot(t, speed, color=style.BLUE, label="largest speed, × this one")
-    axis.plot(t, friction, color=style.AMBER, label="least friction")
+        max_drawn_speed = max(_MAX_SPEED_FACTOR, 1.5 * min_speed)  # half as much again as the smallest margin
+    drawn_speeds = np.where(found.speed > max_drawn_speed, np.nan, found.speed)
+    drawn_friction = np.where(np.isfinite(found.friction), found.friction, np.nan)
+    axis.plot(t, drawn_speeds, color=style.BLUE, label="largest speed, × this one")
+    axis.plot(t, drawn_friction, color=style.AMBER, label="least friction")
     axis.axhline(1.0, **style.LIMIT)
     fails = ~found.holds
     if fails.any():
@@ -166,17 +178,19 @@ def _draw_margins(axis: style.Axes, found: Support, t: Array) -> None:
 
 
 def _draw_cones(axis: style.Axes, found: Support, t: Array) -> None:
-    """Draw the share of each friction cone that the contact's force uses, the largest of the corners of a sole."""
+    """Draw the share of each friction cone that the contact's force uses; for a sole, the largest share of its corners."""
     normals = np.array([c.normal for c in found.contacts])
     normal_forces = np.einsum("nck,ck->nc", found.forces, normals)
     tangential_forces = np.linalg.norm(found.forces - normal_forces[..., None] * normals, axis=-1)
     pressures = normal_forces + np.array([c.pull for c in found.contacts])
     max_tangential = np.array([c.friction for c in found.contacts]) * pressures
-    carries = max_tangential > 1e-9 * np.nanmax(np.abs(pressures), initial=1e-300)
-    shares = np.where(carries, tangential_forces / np.where(max_tangential > 0, max_tangential, 1.0), np.nan)
-    for k, (name, columns) in enumerate(_contacts_by_frame(found).items()):
-        shares_of_frame = np.where(np.isnan(shares[:, columns]), -np.inf, shares[:, columns])
-        max_shares = np.nanmax(shares_of_frame, axis=1)
+    max_pressure = np.nanmax(np.abs(pressures), initial=1e-300)  # above 0, so that contacts without force do not carry
+    carries = max_tangential > _MIN_RELATIVE_FRICTION * max_pressure
+    divisor = np.where(max_tangential > 0, max_tangential, 1.0)
+    shares = np.where(carries, tangential_forces / divisor, np.nan)
+    for k, (name, contact_indices) in enumerate(_contacts_by_frame(found).items()):
+        own_shares = shares[:, contact_indices]
+        max_shares = np.where(np.isnan(own_shares), -np.inf, own_shares).max(axis=1)  # -inf where no contact carries
         percentages = np.where(np.isfinite(max_shares), 100 * max_shares, np.nan)
         axis.plot(t, percentages, color=style.SERIES[k % len(style.SERIES)], label=name)
     axis.axhline(100.0, **style.LIMIT)
@@ -187,7 +201,7 @@ def _draw_cones(axis: style.Axes, found: Support, t: Array) -> None:
 
 
 def _contacts_by_frame(found: Support) -> dict[str, list[int]]:
-    """Indices of contacts by frame or group; one entry for each contact if all have the same frame or group."""
+    """Indices of contacts by the name of their frame or group; if all have one name, an entry for each contact."""
     contacts_by_frame: dict[str, list[int]] = {}
     for k, contact in enumerate(found.contacts):
         name = contact.frame or contact.group or f"contact {k + 1}"
@@ -199,7 +213,7 @@ def _contacts_by_frame(found: Support) -> dict[str, list[int]]:
 
 
 def plot_mounting(load: MountingLoad, path: str | Path, *, time: ArrayLike, bolts: ArrayLike | None = None) -> Path:
-    """Plot of the wrench on a mounting over a motion, with the bolt_loads and shear loads of its bolts.
+    """Plot of the wrench on a mounting over a motion, with the axial and shear loads of its bolts.
 
     Parameters
     ----------
@@ -220,25 +234,30 @@ def plot_mounting(load: MountingLoad, path: str | Path, *, time: ArrayLike, bolt
     ...     plot_mounting(load, f"{folder}/mounting.svg", time=motion.time).name
     'mounting.svg'
     """
-    t = arguments.finite(arguments.one(time, "time", len(load.wrench)), "time", len(load.wrench))
-    bolt_loads = None if bolts is None else load.bolts(bolts)  # bolt_loads load and shear of each bolt
-    rows = 1 if bolt_loads is None else 2
-    with style.figure(9.6, 3.0 * rows, str(load), "Drawing the load of a mounting") as drawn:
-        axes = drawn.subplots(rows, 2, sharex=True, squeeze=False)
-        panels: list[tuple[str, Array, tuple[str, ...]]]
-        panels = [("Force on the foundation [N]", load.wrench[:, 3:], WRENCH[3:])]
-        panels += [("Moment on the foundation [N m]", load.wrench[:, :3], WRENCH[:3])]
+    row_count = len(load.wrench)
+    t = arguments.finite(arguments.one(time, "time", row_count), "time", row_count)
+    bolt_loads = None if bolts is None else load.bolts(bolts)  # (n, k, 2): axial load and shear of each bolt
+    plot_rows = 1 if bolt_loads is None else 2
+    with style.figure(_WIDTH, _ROW_HEIGHT * plot_rows, str(load), "Drawing the load of a mounting") as drawn:
+        axes = drawn.subplots(plot_rows, 2, sharex=True, squeeze=False)
+        panels: list[tuple[str, Array, tuple[str, ...]]]  # title, values (n, curves), labels of the curves
+        panels = [
+            ("Force on the foundation [N]", load.wrench[:, 3:], WRENCH[3:]),
+            ("Moment on the foundation [N m]", load.wrench[:, :3], WRENCH[:3]),
+        ]
         if bolt_loads is not None:
-            names = tuple(f"bolt {k + 1}" for k in range(bolt_loads.shape[1]))
-            panels += [("Axial load of the bolts, pull above 0 [N]", bolt_loads[..., 0], names)]
-            panels += [("Shear of the bolts [N]", bolt_loads[..., 1], names)]
-        for axis, (name, values, labels) in zip(axes.ravel(), panels, strict=True):
+            bolt_names = tuple(f"bolt {k + 1}" for k in range(bolt_loads.shape[1]))
+            panels += [
+                ("Axial load of the bolts, pull above 0 [N]", bolt_loads[..., 0], bolt_names),
+                ("Shear of the bolts [N]", bolt_loads[..., 1], bolt_names),
+            ]
+        for axis, (title, values, labels) in zip(axes.ravel(), panels, strict=True):
             for k, label in enumerate(labels):
                 axis.plot(t, values[:, k], color=style.SERIES[k % len(style.SERIES)], label=label)
             axis.margins(x=0)
             axis.legend(loc="best", ncols=3)
             max_value = float(np.abs(values).max(initial=0.0))
-            style.titles(axis, name, f"largest {number(max_value, 4)}")
+            style.titles(axis, title, f"largest {number(max_value, 4)}")
         for axis in axes[-1]:
             axis.set_xlabel("time [s]")
         return style.save(drawn, path)

@@ -14,7 +14,8 @@ from ...core.typing import Array
 from ...sensing.poses import PoseProposal
 from .. import style
 
-_MILLI = 1e3
+_MM_PER_M = 1e3
+"""Millimetres in a metre."""
 _CIRCLE_ANGLES = np.linspace(0.0, 2.0 * math.pi, 181)
 """Polar angles [rad] of the points of a drawn circle."""
 _DECIMALS_OF_EQUAL_POINTS = 6
@@ -45,7 +46,8 @@ def plot_proposal(found: PoseProposal, path: str | Path) -> None:
     ...     propose_poses(6, log="demo").plot(f"{folder}/poses.svg").name
     'poses.svg'
     """
-    with style.figure(10.5, 4.8, f"{len(found.poses)} poses for a load of {number(found.mass)} kg") as drawn:
+    width, height = 10.5, 4.8  # inches
+    with style.figure(width, height, f"{len(found.poses)} poses for a load of {number(found.mass)} kg") as drawn:
         left_axis, right_axis = drawn.subplots(1, 2)
         _draw_directions(left_axis, found)
         _draw_intervals(right_axis, found)
@@ -55,10 +57,11 @@ def plot_proposal(found: PoseProposal, path: str | Path) -> None:
 def _projection(directions: Array) -> Array:
     """Points (n, 2) of directions of gravity (n, 3): at the distance 2 sin(tilt / 2) from the centre.
 
-    Lambert's projection is (x, y) sqrt(2 / (1 - z)) for unit vectors (x, y, z) that are upright at z = -1.
+    Lambert's projection of a unit vector (x, y, z) is (x, y) sqrt(2 / (1 - z)). The sensor is upright at z = -1.
     """
-    x, y, z = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).T
-    scale = np.sqrt(2.0 / np.maximum(1.0 - z, 1e-12))  # finite upside down too, at z = 1
+    unit_vectors = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    x, y, z = unit_vectors.T
+    scale = np.sqrt(2.0 / np.maximum(1.0 - z, 1e-12))  # also finite upside down, at z = 1
     return np.stack([scale * x, scale * y], axis=1)
 
 
@@ -69,14 +72,15 @@ def _draw_directions(axis: Any, found: PoseProposal) -> None:
         axis.plot(radius * np.cos(_CIRCLE_ANGLES), radius * np.sin(_CIRCLE_ANGLES), color=style.PALE, linewidth=0.8)
         axis.annotate(f"{number(math.degrees(tilt))}°", (0.0, radius), color=style.QUIET, fontsize=style.SMALL_FONT)
     if found.log is not None:
-        logged = _projection(found.log.gravity)
-        axis.plot(*logged.T, "o", markersize=3, color=style.QUIET, linestyle="none", label="read already")
+        x, y = _projection(found.log.gravity).T
+        axis.plot(x, y, "o", markersize=3, color=style.QUIET, linestyle="none", label="read already")
         axis.legend()
     points = _projection(found.gravity).round(_DECIMALS_OF_EQUAL_POINTS) + 0.0  # -0.0 becomes 0.0
     for x, y in np.unique(points, axis=0):  # a pose that is proposed again has one mark
-        numbers = 1 + np.flatnonzero((points == (x, y)).all(axis=1))
+        is_here = (points == (x, y)).all(axis=1)
+        pose_numbers = 1 + np.flatnonzero(is_here)
         axis.plot(x, y, "o", markersize=15, color=style.POINTED, alpha=0.25)
-        axis.annotate(", ".join(map(str, numbers)), (x, y), ha="center", va="center")
+        axis.annotate(", ".join(map(str, pose_numbers)), (x, y), ha="center", va="center")
     axis.set_aspect("equal")
     axis.set_axis_off()
     style.titles(axis, "Gravity in the sensor's frame, by tilt from upright")
@@ -86,14 +90,14 @@ def _draw_intervals(axis: Any, found: PoseProposal) -> None:
     """Draw half-widths of the 95 % intervals after each pose; a pose after which they are infinite is left out."""
     from matplotlib.ticker import LogLocator, NullLocator
 
-    count = np.arange(1, len(found.poses) + 1)
-    mass_errors, centre_errors = found.intervals.T
+    pose_counts = np.arange(1, len(found.poses) + 1)
+    mass_half_widths, centre_half_widths = found.intervals.T
     for half_widths, label, colour in (
-        (100.0 * mass_errors / found.mass, "mass ± [%]", style.BLUE),
-        (_MILLI * centre_errors, "centre of mass ± [mm]", style.VERMILION),
+        (100.0 * mass_half_widths / found.mass, "mass ± [%]", style.BLUE),
+        (_MM_PER_M * centre_half_widths, "centre of mass ± [mm]", style.VERMILION),
     ):
-        known = np.isfinite(half_widths)
-        axis.plot(count[known], half_widths[known], "o-", markersize=4, color=colour, label=label)
+        is_finite = np.isfinite(half_widths)
+        axis.plot(pose_counts[is_finite], half_widths[is_finite], "o-", markersize=4, color=colour, label=label)
     axis.set_yscale("log")
     axis.yaxis.set_major_locator(LogLocator(subs=_TICKS))
     axis.yaxis.set_minor_locator(NullLocator())
