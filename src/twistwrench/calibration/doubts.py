@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.doubts import Doubt, doubt
+from ..core.doubts import Doubt, Level, doubt
 from ..core.numbers import number
 from ..core.text import listed
 from ..mechanics.lie import so3
@@ -78,7 +78,9 @@ def _contradictory_rows(found: CalibratedRobot) -> Iterator[Doubt]:
     if not outliers:
         return
     share = len(outliers) / found.fit.problem.count
-    level = "note" if share <= _MAX_NOTED_OUTLIERS else "unsure"
+    level: Level = "unsure"
+    if share <= _MAX_NOTED_OUTLIERS:
+        level = "note"
     row_texts = [f"row {row} by {millimetres(error)}" for row, error in outliers]
     _, largest_error = outliers[0]
     yield doubt(

@@ -552,9 +552,9 @@ class _MeasurementFile:
             assignment.assign(part, place, choice)
         assignment.assign_by_exact_name()
         assignment.assign_by_words()
-        if len(assignment.given["q"]) < len(needed_indices):
+        if len(assignment.assigned["q"]) < len(needed_indices):
             assignment.assign_by_rules([])
-        choice_by_place = assignment.given["q"]  # column by place among the needed joints
+        choice_by_place = assignment.assigned["q"]  # column by place among the needed joints
         missing = [coordinates.names[k] for place, k in enumerate(needed_indices) if place not in choice_by_place]
         if missing:
             raise TrajectoryError(

@@ -80,15 +80,15 @@ class ShownRobot(Answer):
 
     def write_page(self, path: str) -> None:
         """Write the page. Loops of the robot's file are closed if neither a motion nor a section moves the joints."""
-        page_robot = drawn_robot = self.robot
+        drawn_robot, closed_robot = self.robot, None
         if self.motion is not None:
             drawn_robot, _ = robot_of_motion(self.motion)
         elif self.page["section"] is None:
             closed_robot = closed_by_file(self.robot)
-            if closed_robot is not None:
-                page_robot = closed_robot
-        scene = scene_of(drawn_robot, meshes=self.meshes)
-        write_page(page_robot, path, motion=self.motion, wrench_on_robot=self.wrenches, scene=scene, **self.page)
+        write_page(
+            closed_robot or self.robot, path, motion=self.motion, wrench_on_robot=self.wrenches,
+            scene=scene_of(drawn_robot, meshes=self.meshes), **self.page,
+        )  # fmt: skip
 
     def write_film(self, path: str) -> None:
         """Write the film of the motion."""

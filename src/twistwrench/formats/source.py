@@ -55,8 +55,7 @@ def path_given(source: object) -> Path:
         raise RobotFileError(
             f"a robot is loaded from a path or from XML text, not from {type(source).__name__}. {remedy}"
         )
-    is_no_path = isinstance(source, str) and (not source.strip() or "\n" in source)  # blank, or several lines
-    if is_no_path:
+    if isinstance(source, str) and (not source.strip() or "\n" in source):  # no path is blank or has several lines
         raise RobotFileError(
             f"the text given is neither XML nor a path: {_beginning_text(source)}. XML text begins with '<'."
         )

@@ -267,12 +267,12 @@ def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid
     for links in ([frame], frames_of_body):
         solids_by_link = {name: reader.read(shapes_by_link[name]).solids for name in links if name in shapes_by_link}
         for role in ("collision", "visual"):
-            solids_of_role = {}
+            solids_of_role: dict[str, list[Solid]] = {}
             for name, solids in solids_by_link.items():
                 solids_of_role[name] = [solid for solid in solids if solid.shape.role == role]
             if any(solids_of_role.values()):
-                for name, solids in solids_of_role.items():
-                    yield np.asarray(model.frames[name].pose), solids
+                for name, solids_of_link in solids_of_role.items():
+                    yield np.asarray(model.frames[name].pose), solids_of_link
                 return
 
 

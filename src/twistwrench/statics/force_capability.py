@@ -496,8 +496,7 @@ def _deepest_point(H: Array, b: Array) -> Array:
     bounds = [(None, None)] * r + [(0.0, _MAX_RADIUS)]  # on x and ρ, divided by the scale
     cost = [0.0] * r + [-1.0]
     optimum = linprog(cost, A_ub=A, b_ub=b / scale, bounds=bounds, method="highs")
-    is_solved = optimum.status == 0 and optimum.x is not None
-    if not is_solved or optimum.x[-1] <= 1e-9:  # no radius
+    if optimum.status != 0 or optimum.x is None or optimum.x[-1] <= 1e-9:  # unsolved, or without a radius
         raise ValueRangeError(
             "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs need more. "
             f"Look at statics.largest_payload for the joint, or pass larger {argument('limits')}."

@@ -84,9 +84,9 @@ def handler_assembly(
     w.begin("run")
     buffers = [load(load("%frame", ARGUMENTS), _POINTER_BYTES * k) for k in range(len(inputs))]
     buffers += [load(load("%frame", RESULTS), _POINTER_BYTES * k) for k in range(len(outputs))]
-    for k, buffer in enumerate(buffers):
+    for number, buffer in enumerate(buffers):
         elements = load(buffer, DATA)
-        w.do(f"store ptr {elements}, ptr {w.gep(arrays, _POINTER_BYTES * k)}")
+        w.do(f"store ptr {elements}, ptr {w.gep(arrays, _POINTER_BYTES * number)}")
     # The number of samples is the product of the lengths of the batch axes of the first array with elements.
     first = next(k for k, spec in enumerate(specs) if spec.size)
     rank = load(buffers[first], RANK, "i64")

@@ -215,8 +215,9 @@ class ReportPage:
                 break
         verdict_blocks = list(self.blocks[:verdict_length]) or [f"{self.command}: {self.subject}"]
         other_blocks = self.blocks[verdict_length:]
-        result_blocks = [block for block in other_blocks if block != "" and not isinstance(block, More | Remark)]
-        return [block for block in verdict_blocks if not isinstance(block, Remark)], result_blocks
+        verdict: list[Block] = [block for block in verdict_blocks if not isinstance(block, Remark)]
+        results: list[Block] = [block for block in other_blocks if block != "" and not isinstance(block, More | Remark)]
+        return verdict, results
 
     def write(self, path: Path) -> Path:
         """Write the page, replacing an existing one.

@@ -297,7 +297,7 @@ class _MjcfWriter:
         parent = self.bodies[first.parent]
         # Poses of the body's frame in the child link of each joint, with all coordinates at zero.
         pose_in_parent = np.eye(4)
-        poses_in_children = []
+        poses_in_children: list[Array] = []
         for entry in reversed(entries):
             poses_in_children.insert(0, pose_in_parent)
             pose_in_parent = np.asarray(entry.placement @ pose_in_parent)

@@ -487,8 +487,8 @@ def _load(s: LogStates, _fitted: FittedTorques) -> Array:
     load_columns = np.concatenate(body_columns) @ _unit_loads(frame.pose)
     norms = np.maximum(np.linalg.norm(load_columns, axis=(0, 1)), _MIN_DIVISOR)
     unit_columns = (load_columns / norms).reshape(-1, 4)
-    R = np.linalg.qr(unit_columns, mode="r")
-    is_independent = np.abs(R.diagonal()) > _MIN_INDEPENDENT_SHARE
+    R = np.asarray(np.linalg.qr(unit_columns, mode="r"))
+    is_independent = np.abs(np.diagonal(R)) > _MIN_INDEPENDENT_SHARE
     return np.asarray(load_columns[..., is_independent])
 
 

@@ -258,7 +258,8 @@ def solve(
             single_pose, request = remembered
             solution = single_pose.solve(T, q0)
             if solution is not None:
-                return IKResult(*solution, request)
+                q, status = solution
+                return IKResult(q, status, request)
     request, search, settings = _checked_request(robot, frame, rows, restarts, rng, angle, distance, loops)
     restart_count, _, tolerances = settings
     target_shape = search.target_shape
