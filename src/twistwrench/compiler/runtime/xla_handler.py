@@ -88,11 +88,11 @@ def handler_assembly(
         elements = load(buffer, DATA)
         w.do(f"store ptr {elements}, ptr {w.gep(arrays, _POINTER_BYTES * number)}")
     # The number of samples is the product of the lengths of the batch axes of the first array with elements.
-    first = next(k for k, spec in enumerate(specs) if spec.size)
-    rank = load(buffers[first], RANK, "i64")
-    lengths = load(buffers[first], DIMENSIONS)
+    nonempty = next(number for number, spec in enumerate(specs) if spec.size)
+    rank = load(buffers[nonempty], RANK, "i64")
+    lengths = load(buffers[nonempty], DIMENSIONS)
     w.do(f"store i64 1, ptr {samples}")
-    batch_axes = w.new(f"sub i64 {rank}, {len(specs[first].shape)}")
+    batch_axes = w.new(f"sub i64 {rank}, {len(specs[nonempty].shape)}")
     with w.loop(batch_axes, "run") as axis:
         offset = w.new(f"mul i64 {axis}, {_LENGTH_BYTES}")
         length = load(w.gep(lengths, offset), 0, "i64")
