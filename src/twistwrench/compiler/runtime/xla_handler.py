@@ -94,8 +94,8 @@ def handler_assembly(
     w.do(f"store i64 1, ptr {samples}")
     batch_axes = w.new(f"sub i64 {rank}, {len(specs[nonempty].shape)}")
     with w.loop(batch_axes, "run") as axis:
-        offset = w.new(f"mul i64 {axis}, {_LENGTH_BYTES}")
-        length = load(w.gep(lengths, offset), 0, "i64")
+        byte_offset = w.new(f"mul i64 {axis}, {_LENGTH_BYTES}")
+        length = load(w.gep(lengths, byte_offset), 0, "i64")
         product = w.new(f"mul i64 {load(samples, 0, 'i64')}, {length}")
         w.do(f"store i64 {product}, ptr {samples}")
     loop = w.new("load ptr, ptr @loop")
