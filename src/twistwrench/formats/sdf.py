@@ -177,14 +177,15 @@ class SdfModel:
 
     def link_of(self, name: str, user: Element) -> str:
         """Link to which a frame is fixed; raises the errors of :meth:`pose`."""
-        path: dict[str, None] = {}  # frames from this one to one with a known link, in order
-        while name not in self.links and name not in self._carriers:
-            if name in path:
-                circle = listed([*path, name], between=" → ")
+        path: dict[str, None] = {}  # frames from this one to before one with a known link, in order
+        current = name
+        while current not in self.links and current not in self._carriers:
+            if current in path:
+                circle = listed([*path, current], between=" → ")
                 raise RobotFileError(f"{user}: the frames {circle} are attached to each other.")
-            path[name] = None
-            name = self.frame(name, user).attached_to
-        link = self._carriers.get(name, name)
+            path[current] = None
+            current = self.frame(current, user).attached_to
+        link = self._carriers.get(current, current)
         self._carriers |= dict.fromkeys(path, link)
         return link
 

@@ -24,6 +24,10 @@ _BLANKS = "\ufeff \t\r\n"
 """Characters that may stand before XML: byte order mark and white space."""
 _MAX_NAME_LENGTH = 200
 """Largest number of characters of a path in a message."""
+_MAX_SIMILAR_NAMES = 3
+"""Largest number of similar file names in a message."""
+_MIN_SIMILARITY = 0.5
+"""Least similarity of two names, from 0 to 1, as :mod:`difflib` measures it."""
 _REJECTED_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
 """Python encodings that XML files do not use."""
 _UTF8_MARK = b"\xef\xbb\xbf"
@@ -116,7 +120,8 @@ def _similar_files_text(path: Path) -> str:
     if not folder.is_dir():
         return f"Its folder {str(folder)!r} is not there either; check the path."
     names = sorted(entry.name for entry in folder.iterdir())
-    proposals = difflib.get_close_matches(path.name, names, n=3, cutoff=0.5) or _robot_file_names(folder)
+    similar_names = difflib.get_close_matches(path.name, names, n=_MAX_SIMILAR_NAMES, cutoff=_MIN_SIMILARITY)
+    proposals = similar_names or _robot_file_names(folder)
     if not proposals:
         return f"There is no robot file in {str(folder)!r}; check the path."
     return f"In its folder{_names_text(proposals)}."

@@ -62,6 +62,8 @@ _READ_SHARE = 0.2
 """Share of the progress that reading takes."""
 _FIT_SHARE = 0.5
 """Share of the progress that the fit without further laws takes; settings take the same share of a fit."""
+_SHARE_BEFORE_CAUSES = 0.8
+"""Share of the progress of a fit when the search for causes begins."""
 
 
 def identify(
@@ -172,7 +174,8 @@ def identify(
     loaded, bundle_name = _robot_with_name(robot)
     robot = without_links(loaded, without)
     check_strength(keep_close)
-    logs, test = log_paths(logs, bundle_name), log_paths(test, bundle_name)
+    logs = log_paths(logs, bundle_name)
+    test = log_paths(test, bundle_name)
     if method not in METHODS:
         raise UnknownNameError.from_choices("method", method, METHODS)
     options = fit_options(cutoff, friction_speed, shift)
@@ -190,7 +193,8 @@ def identify(
     )  # fmt: skip
     report_progress = progress or (lambda _share: None)
     results = read_logs(sources, Workers.from_client(client), lambda share: report_progress(_READ_SHARE * share))
-    training_logs, test_logs = _readable(results[: len(training_sources)]), _readable(results[len(training_sources) :])
+    training_logs = _readable(results[: len(training_sources)])
+    test_logs = _readable(results[len(training_sources) :])
     fit = partial(
         _identify_once, unknown, robot, training_logs, test_logs, method=method, payload_only=payload_only,
         read_doubts=_unreadable(sources, results),
@@ -320,8 +324,9 @@ def _identify_once(
     settings, covariance = _with_covariance(chosen, trial, x, sigma, weights)
     five_fold = _five_fold(rows, prior, method, chosen.without_fifth)
     held_out = _predict_tests(rows, test_logs, settings, x, chosen.assumed) if test_logs else five_fold
-    report_progress(0.8)
-    causes, laws = list[Doubt](), tuple[WantedCause, ...]()
+    report_progress(_SHARE_BEFORE_CAUSES)
+    causes: list[Doubt] = []
+    laws: tuple[WantedCause, ...] = ()
     noise_covariance = covariance.matrix  # for doubts: the covariance by noise and states alone
     if not payload_only:
         initial_settings = replace(settings, shift=options.shift or 0.0)  # a chosen delay may have another cause
@@ -580,7 +585,7 @@ def _remarks(logs: Sequence[ReadLog]) -> tuple[str, ...]:
     """Notes on rows left out of the logs, on their gaps, and on the windows of long logs."""
     notes: list[str] = []
     for log in logs:
-        notes += [found.sentence for found in log.doubts if found.kind == LEFT_OUT]
+        notes += [log_doubt.sentence for log_doubt in log.doubts if log_doubt.kind == LEFT_OUT]
     used_count = sum(log.count for log in logs)
     total_count = sum(log.checks.count for log in logs)
     if used_count < total_count:

@@ -379,7 +379,7 @@ class LoadCase:
         if self.payloads:
             terms["payload"] = self.payload_torques(s)
         if self.friction:
-            terms_without_friction = list(terms.values())[:-1]
+            terms_without_friction = list(terms.values())[:-1]  # friction is the last term
             terms["friction"] = self._friction(s, np.sum(terms_without_friction, axis=0))
         return terms
 

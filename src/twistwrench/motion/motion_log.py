@@ -394,8 +394,8 @@ class MotionLog:
         """
         q, dq, ddq, tau, command = (self.columns.si_values(table, part) for part in PARTS)
         if tau is not None and self.columns.of_motors:
-            for entries, A, _ in self.coordinates.coupled:
-                tau[:, entries] = tau[:, entries] @ A
+            for entries, motor_per_joint, _ in self.coordinates.coupled:
+                tau[:, entries] = tau[:, entries] @ motor_per_joint
         return LogRows(table[:, 0].copy(), q, dq, ddq, tau, command)
 
     @property

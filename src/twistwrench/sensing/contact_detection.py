@@ -121,10 +121,11 @@ def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
     radius = arguments.positive(radius, "radius", "m")
     # Distances s from the start solve |offset + s direction|² = radius²; the force enters at the smaller one.
     offset = start - arguments.real(centre, "centre", 3)
-    middle = (offset * direction).sum(-1)  # -s of the point nearest to the centre
-    square = middle**2 - (offset * offset).sum(-1) + radius**2  # of half the chord
-    first = -middle - np.sqrt(np.where(square < 0, np.nan, square))
-    return np.asarray(start + first[..., None] * direction)
+    s_nearest = -(offset * direction).sum(-1)  # of the point nearest to the centre
+    squared_half_chord = s_nearest**2 - (offset * offset).sum(-1) + radius**2
+    half_chord = np.sqrt(np.where(squared_half_chord < 0, np.nan, squared_half_chord))
+    s_entry = s_nearest - half_chord
+    return np.asarray(start + s_entry[..., None] * direction)
 
 
 def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:

@@ -97,7 +97,8 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
 def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Array:
     """Rotations (..., 3, 3) of unit quaternions (..., 4), scalar first."""
     quat = np.asarray(arguments.finite(quat, where, 4), float)
-    deviation = np.abs(np.linalg.norm(quat, axis=-1) - 1.0)[..., None, None]
+    length_error = np.abs(np.linalg.norm(quat, axis=-1) - 1.0)
+    deviation = length_error[..., None, None]  # as matrices (1, 1), which are checked
     message = (
         f"{where} is not of unit length: off from 1 by {{gap}}, allowed {{allowed}}; check which columns are qw, qx, qy, "
         "qz (qw is the scalar), or normalise them"
@@ -141,7 +142,9 @@ def rotations_to_gravity(directions: ArrayLike) -> Array:
 # N, twists (omega, v).
 
 Sign = Literal["on_sensor", "by_sensor"]
+"""Wrench that a sensor reads, see :attr:`ForceTorqueSensor.sign`."""
 Inertia = Literal["given", "accept", "unknown"]
+"""State of a load's rotational inertia, see :attr:`ForceTorqueSensor.inertia`."""
 
 MIN_MOUNTING_TURN = 1e-9
 """Largest entry of R_fs minus the identity for which {s} and {f} coincide."""
@@ -338,9 +341,11 @@ class ForceTorqueSensor:
         -------
         text : str, or None if the compensation is complete
         """
-        turns = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))  # has an angular part
-        if self.inertia == "unknown" and turns:
-            return str(doubt("sensor-file-inertia"))
+        if self.inertia != "unknown":
+            return None
+        for x in (V, dV):
+            if x is not None and np.asarray(x, float)[..., :3].any():  # an angular part
+                return str(doubt("sensor-file-inertia"))
         return None
 
     def warn_of_motion(self, V: ArrayLike | None, dV: ArrayLike | None) -> None:

@@ -83,7 +83,8 @@ def _step_slices(
     max_steps = max(1, int(OPERATIONS_PER_CALL / operations_per_step))
     state_part_count = scan.visible
     steps_per_state = steps // stored_count  # from one stored state to the next
-    states, step_inputs = list(arrays[:state_part_count]), arrays[state_part_count:]
+    states = list(arrays[:state_part_count])
+    step_inputs = arrays[state_part_count:]
     step_ranks = ranks[state_part_count:]
     states_per_slice = max(1, max_steps // steps_per_state)  # an interval between two stored states may be divided too
     for first_state in range(0, stored_count, states_per_slice):

@@ -31,17 +31,22 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
     if thermal.winding_housing:
         R_w, R_h = thermal.winding_housing, thermal.housing_ambient
         C_w, C_h = thermal.winding_time / R_w, thermal.housing_time / R_h
-        a, b = (R * alpha * heat - 1 / R_w) / C_w, 1 / (R_w * C_w)
-        c, d = 1 / (R_w * C_h), np.full_like(heat, -(1 / R_w + 1 / R_h) / C_h)
+        a = (R * alpha * heat - 1 / R_w) / C_w
+        b = 1 / (R_w * C_w)
+        c = 1 / (R_w * C_h)
+        d = np.full_like(heat, -(1 / R_w + 1 / R_h) / C_h)
     else:
         C_w = thermal.housing_time / thermal.housing_ambient
-        a, b, c = (R * alpha * heat - 1 / thermal.housing_ambient) / C_w, 0.0, 0.0
+        a = (R * alpha * heat - 1 / thermal.housing_ambient) / C_w
+        b = 0.0
+        c = 0.0
         d = a - 1 / thermal.housing_time
     # A = middle 1 + traceless, and traceless² = distance² 1, so the eigenvalues of A are middle ± distance.
-    middle, distance = 0.5 * (a + d), np.sqrt((0.5 * (a - d)) ** 2 + b * c)
-    half = 0.5 * (a - d)
-    upper_row = np.stack([half, np.full_like(half, b)], -1)
-    lower_row = np.stack([np.full_like(half, c), -half], -1)
+    middle = 0.5 * (a + d)
+    half_difference = 0.5 * (a - d)
+    distance = np.sqrt(half_difference**2 + b * c)
+    upper_row = np.stack([half_difference, np.full_like(half_difference, b)], -1)
+    lower_row = np.stack([np.full_like(half_difference, c), -half_difference], -1)
     traceless = np.stack([upper_row, lower_row], -2)
 
     def matrix_function(at_larger: Array, at_smaller: Array) -> Array:

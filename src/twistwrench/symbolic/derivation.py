@@ -92,7 +92,8 @@ class Derivation(Answer, Equations):
         """DONE, or LOOK AGAIN if the equations disagree with the compiled kernels."""
         if self.check is None or self.check.worst <= TOLERANCE:
             return Verdict(Word.DONE)
-        deviation, allowed = residual(self.check.worst), printed(TOLERANCE)
+        deviation = residual(self.check.worst)
+        allowed = printed(TOLERANCE)
         reason = f"the equations disagree with Newton–Euler by {deviation} (allowed {allowed})"
         return Verdict(Word.LOOK_AGAIN, (reason,))
 

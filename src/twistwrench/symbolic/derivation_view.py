@@ -136,7 +136,8 @@ def _step_table(derivation: Derivation, level: Level) -> Table:
     """Number of entries and terms of each step, and its longest entry."""
     notation = Text()
     steps = derivation.steps
-    term_counts, longest_entries = [], []
+    term_counts = []
+    longest_entries = []
     for step in steps:
         terms_of_entries = [_term_count(expr) for _, expr in step.lines]
         longest_index = terms_of_entries.index(max(terms_of_entries))

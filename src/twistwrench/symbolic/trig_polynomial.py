@@ -316,7 +316,9 @@ class ShortestForms:
 
 def _length(form: dict[Waves, Any]) -> tuple[int, int, int, int]:
     """Sort key: numbers of terms, of waves with a multiple angle such as 2θ, of half-integer coefficients, and of factors."""
-    multiple_angles = factors = halves = 0
+    multiple_angles = 0
+    factors = 0
+    halves = 0
     for waves, coefficient in form.items():
         if float(2 * coefficient).is_integer() and not float(coefficient).is_integer():
             halves += 1
@@ -401,7 +403,8 @@ def _reduce_squares(form: Mapping[Any, Any], j: int, square: int) -> dict[Any, A
     """Replace sin² = 1 - cos² (square 0) or cos² = 1 - sin² (square 1) of angle j until none is left."""
     remaining = dict(form)
     reduced: dict[Any, Any] = defaultdict(int)
-    remaining_wave, replaced_wave = square, 1 - square  # indices into the powers: 0 of the cosine, 1 of the sine
+    remaining_wave = square  # index into the powers of an angle: 0 of the cosine, 1 of the sine
+    replaced_wave = 1 - square
     while remaining:
         powers, coefficient = remaining.popitem()
         if powers[j][replaced_wave] < 2:

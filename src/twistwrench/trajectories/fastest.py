@@ -61,6 +61,10 @@ _MIN_RATIO_AT_ARC = 1 - 1e-8
 """Smallest ratio of x to an arc at which the arc is reached."""
 _LENGTH_ACCURACY = 1e-11
 """Relative accuracy of the length at which the active limit changes."""
+_PLACE_ACCURACY = 1e-13
+"""Accuracy [of s] of a place at which the limit curve falls too fast."""
+_MAX_BISECTIONS = 40
+"""Maximum number of bisections for such a place."""
 _MIN_LENGTH_DIFFERENCE = 1e-15
 """Smallest difference [of s] of two lengths."""
 _HINT_RATIO = 4.0
@@ -168,7 +172,7 @@ def backward(rows: PathRows, count: int = _TEST_POINTS) -> list[Arc]:
                 s, x = cell.low, float(cell.x[0])
                 if len(cells) > _MAX_PIECES:
                     raise _search_error(s)
-        except _Stuck:
+        except _Stuck:  # the arc begins here
             pass
         if cells:
             arcs.append(Arc(tuple(reversed(cells))))
@@ -183,7 +187,8 @@ def _limit_curve_falls(rows: PathRows, s: Array) -> Array:
     rows_before = rows.at(s - _SLOPE_STEP)
     x = rows.cap_of(rows.at(s)).x
     x_before = rows.cap_of(rows_before).x
-    least_acceleration = rows.accelerations(rows_before, np.where(np.isfinite(x_before), x_before, 0.0))[0]
+    finite_x_before = np.where(np.isfinite(x_before), x_before, 0.0)
+    least_acceleration, *_ = rows.accelerations(rows_before, finite_x_before)
     with np.errstate(invalid="ignore"):
         falls = 2.0 * least_acceleration * _SLOPE_STEP > (x - x_before)  # dx/ds = 2 u
     return np.isfinite(x) & np.isfinite(x_before) & falls
@@ -221,9 +226,9 @@ def _next_leaving_point(rows: PathRows, s: float, points: Array, falls: Array) -
             continue
         falling = float(candidate)
         not_falling = float(edges[edges > candidate].min())
-        for _ in range(40):  # bisection
+        for _ in range(_MAX_BISECTIONS):
             middle = 0.5 * (not_falling + falling)
-            if not_falling - falling < 1e-13:
+            if not_falling - falling < _PLACE_ACCURACY:
                 break
             if _limit_curve_falls(rows, np.array([middle]))[0]:
                 falling = middle
@@ -237,7 +242,8 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
     """Pieces of the fastest timing, ascending in s."""
     ends = np.unique(np.concatenate([rows.breaks, *([arc.low, arc.high] for arc in arcs)]))
     cells: list[Cell] = []
-    s, x, hint = 0.0, 0.0, 1.0
+    s, x = 0.0, 0.0
+    hint = 1.0
     while s < 1.0:
         if len(cells) > _MAX_PIECES:
             raise _search_error(s)
@@ -417,7 +423,8 @@ class Fastest(Trajectory):
         z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 16))  # denser at the ends (square-root behaviour)
         points = [cell.low + (cell.high - cell.low) * z for cell in cells]
         squared_rates = np.concatenate([cell.at(s_of_cell) for cell, s_of_cell in zip(cells, points, strict=True)])
-        path_s, path_rate = np.concatenate(points), np.sqrt(np.maximum(squared_rates, 0.0))
+        path_s = np.concatenate(points)
+        path_rate = np.sqrt(np.maximum(squared_rates, 0.0))
         switch_s = np.array([contact.s for contact in self.limit_contacts[1:]])
         switches = (switch_s, np.interp(switch_s, path_s, path_rate))
         return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), (path_s, path_rate), switches)
@@ -505,9 +512,10 @@ def fastest(
     s = np.linspace(0.0, 1.0, _TEST_POINTS)
     q, dq_ds, _ = path(s)
     path_speeds = np.abs(dq_ds).max(axis=-1)  # of the fastest joint
-    if path_speeds.min() < _MIN_SPEED_RATIO * path_speeds.max():
+    slowest = int(path_speeds.argmin())
+    if path_speeds[slowest] < _MIN_SPEED_RATIO * path_speeds.max():
         raise ValueRangeError(
-            f"the path stands still at s = {number(s[int(path_speeds.argmin())])}, so that ds/dt does not determine the joint "
+            f"the path stands still at s = {number(s[slowest])}, so that ds/dt does not determine the joint "
             "velocities there. Use a path with non-zero dq/ds: a spline without times, or each part separately."
         )
     margin = _MARGIN
@@ -561,14 +569,14 @@ def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, reduced_bounds:
 
 def _reachable(rows: PathRows) -> Limits:
     """Limits, with torque and acceleration reduced to what a motion within the velocity limits can reach."""
-    limits = rows.at(rows.grid)
+    grid_rows = rows.at(rows.grid)
     bounds = rows.bounds
-    velocity_caps = limits.cap[:, : len(rows.fast)]  # of x, by the velocity limits
+    velocity_caps = grid_rows.cap[:, : len(rows.fast)]  # of x, by the velocity limits
     max_x = velocity_caps.min(axis=1, initial=np.inf).max()
     if not np.isfinite(max_x):
         return bounds
     max_u = max_x / (2.0 * _MIN_SPEED_UP_LENGTH)  # x = 2 u s from rest
-    a, b, c, d = (np.abs(terms) for terms in (limits.a, limits.b, limits.c, limits.d))
+    a, b, c, d = (np.abs(terms) for terms in (grid_rows.a, grid_rows.b, grid_rows.c, grid_rows.d))
     largest_values = 2.0 * (a * max_u + b * max_x + d * np.sqrt(max_x) + c).max(axis=0)
     if (largest_values >= rows.L).all():
         return bounds

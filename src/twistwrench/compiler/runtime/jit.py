@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 SILENT_SECONDS = 1.0
 """Compile time [s] after which a message appears on the terminal."""
-
-
 _LINKER_ERRORS = (RuntimeError, ValueError, KeyError)
 """Errors of linking: of LLVM, of LLVM with a message that is not UTF-8, and of a missing function."""
 
@@ -90,9 +88,14 @@ def compile_form(program: Form, precision: Precision, machine: Machine | None = 
     """
     from ..lowering.lower import modules
 
-    machine = machine or chosen()
+    chosen_machine = machine or chosen()
+
+    def texts() -> Iterator[str]:
+        """Texts of the modules, from the first."""
+        return _with_message(program, modules(program, precision, chosen_machine))
+
     with _JIT.lock:
-        return _link_modules(lambda: _with_message(program, modules(program, precision, machine)), LOOP, machine)
+        return _link_modules(texts, LOOP, chosen_machine)
 
 
 def _with_message(program: Form, texts: Iterable[str]) -> Iterator[str]:

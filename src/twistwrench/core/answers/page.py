@@ -103,7 +103,8 @@ def digest(script: str) -> str:
     -------
     digest : str
     """
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode('ascii')}'"
+    sha256 = hashlib.sha256(script.encode()).digest()
+    return f"'sha256-{base64.b64encode(sha256).decode('ascii')}'"
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         """Yield portions (m, k) of the rows of the k columns with the given indices."""
         used_columns = [columns[k] for k in used or (0,)]  # without columns, any one shows the number of rows
         used_arrays = {column.array: arrays[column.array] for column in used_columns}
-        total_size = sum(array.size for array in used_arrays.values())
+        total_size = sum(array.size for array in used_arrays.values())  # bytes
         check_ratio(path, total_size, file.size)
         largest_row_size = max(1, *(array.row_size for array in used_arrays.values()))
         max_rows = max(1, min(log_table.ROWS, _PORTION_SIZE // largest_row_size))
@@ -87,7 +87,8 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
             begin = end
             table_columns = []
             for k, column in enumerate(used_columns):
-                values = portion_by_array[column.array][column.index][selected_rows]
+                portion = portion_by_array[column.array]
+                values = portion[column.index][selected_rows]
                 if values.dtype.kind in "mM":  # dates and durations become seconds since the first one
                     first_date = first_dates.setdefault(k, values[:1])
                     values = (values - first_date) / np.timedelta64(1, "s")

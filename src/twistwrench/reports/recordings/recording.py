@@ -156,8 +156,8 @@ def _results(report: TorqueReport) -> Iterator[Portion]:
                 states_by_topic[f"torque/{name}"] = JointStates(tau=values)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.abs(load.drive_torques(torques)) / report.limits.effort
-        for joints, A, _ in model.coupled:  # each coupled joint has the largest share of its motors
-            share[:, joints] = np.max(share[:, joints, None] * (A != 0), axis=1)
+        for joints, motor_per_joint, _ in model.coupled:  # each coupled joint has the largest share of its motors
+            share[:, joints] = np.max(share[:, joints, None] * (motor_per_joint != 0), axis=1)
         states_by_topic["share"] = JointStates(tau=share)
         yield states.time, states.q, states_by_topic
 
