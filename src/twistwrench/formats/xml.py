@@ -210,7 +210,7 @@ class Element:
         return [self._parse_number(attribute, word) for word in text.split()]  # raises an error for the invalid word
 
     def _parse_number(self, attribute: str, word: str) -> float:
-        """Finite number of one word of an attribute; raises an error that says what is wrong with the word."""
+        """Finite number of one word of an attribute; raises an error with the reason if it is not one."""
         value = None
         if _NUMBER.fullmatch(word):
             value = float(word)

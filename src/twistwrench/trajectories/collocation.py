@@ -49,6 +49,10 @@ _CAP_ROUNDING = 1e-10
 """Share by which x may exceed a cap that it does not run along."""
 _MAX_EXCESS_AT_BEGIN = 1e-7
 """Share by which a piece that runs along a cap may begin above it."""
+_CAP_TOLERANCE = 0.25 * TOLERANCE
+"""Share by which x may exceed the cap that it runs along."""
+_SIGN_ROUNDING = 1e-9
+"""Size of a at the last node, as a share of its largest value, below which its sign is not known."""
 _MAX_NEWTON_STEPS = 30
 _NEWTON_TOLERANCE = 1e-14
 """Last step of Newton's method, as a share of the largest u."""
@@ -99,7 +103,7 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     low, high = (s, end) if way > 0 else (end, s)
     limits = rows.at(s + way * h * POINTS, low, high)
     u, active_rows, sides = _candidates(rows, limits, x, way, h)
-    row_candidates = len(u)  # number; candidates after these run along a cap of x
+    n_along_rows = len(u)  # candidates after these run along a cap of x
     if along_caps and len(rows.caps):
         cap = limits.cap[:STAGES]
         begins_at_cap = limits.cap[STAGES] <= x * (1 + _MAX_EXCESS_AT_BEGIN)  # STAGES: the first check point, ζ = 0
@@ -117,12 +121,12 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     row_values = np.abs(limits.values(U, X))
     tolerance = AT_REST if x == 0 and np.any(limits.d) else TOLERANCE
     is_active = np.zeros((len(u), len(rows.rows)), bool)
-    active_indices = [rows.rows.index(row) for row in active_rows[:row_candidates]]
-    is_active[np.arange(row_candidates), active_indices] = True
+    active_indices = [rows.rows.index(row) for row in active_rows[:n_along_rows]]
+    is_active[np.arange(n_along_rows), active_indices] = True
     # The deviation of the active row itself is checked below.
     meets_limit = (rows.L + tolerance * rows.L >= row_values) | is_active[:, None, :]
     is_allowed = meets_limit.all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
-    cap_tolerances = np.where(np.arange(len(u)) < row_candidates, _CAP_ROUNDING, 0.25 * TOLERANCE)
+    cap_tolerances = np.where(np.arange(len(u)) < n_along_rows, _CAP_ROUNDING, _CAP_TOLERANCE)
     cap_tolerance = cap_tolerances[:, None, None] * np.ones((len(POINTS), 1))
     cap_tolerance[:, STAGES] *= 2.0  # twice the tolerance at the first check point, where the last piece ended
     is_allowed &= (X[:, :, None] <= limits.cap * (1 + cap_tolerance)).all(axis=(1, 2))
@@ -154,9 +158,9 @@ def _candidates(rows: PathRows, limits: Rows, x: float, way: int, h: float) -> t
     inner_signs = np.sign(a[:-1])
     first_sign = inner_signs[0]
     # At the last node a may touch zero, up to rounding: the next piece begins there.
-    last_keeps_sign = first_sign * a[-1] >= -1e-9 * np.abs(a).max(axis=0)
+    last_keeps_sign = first_sign * a[-1] >= -_SIGN_ROUNDING * np.abs(a).max(axis=0)
     has_one_sign = (inner_signs == first_sign).all(axis=0) & last_keeps_sign
-    k = np.flatnonzero(has_one_sign & (first_sign != 0) & ~rows.flat)
+    k = np.flatnonzero(has_one_sign & (first_sign != 0) & ~rows.flat)  # indices of the rows
     if not len(k):
         return np.zeros((0, STAGES)), [], []
     side = way * first_sign[k]  # forward the upper bound of u, backward the lower bound

@@ -147,8 +147,9 @@ class _Disassembly:
             is_main_link = i != BASE or name == parts.root
             if is_main_link and _exceeds_rounding(remainders[i], whole_inertias[i]):
                 inertia = inertia + remainders[i]
-            hidden = name not in model.frames
-            parts.links[name] = LinkEntry(name, inertia, "", name in model.shaped, hidden)
+            is_shaped = name in model.shaped
+            is_hidden = name not in model.frames
+            parts.links[name] = LinkEntry(name, inertia, "", is_shaped, is_hidden)
         parts.whole = {link: whole_inertias[i] for link, i in self.bodies.items()}
         parts.whole.setdefault(parts.root, whole_inertias[BASE])
 
@@ -158,7 +159,8 @@ class _Disassembly:
         for link in self.link_names:
             if link != root and link in self.parents:
                 children[self.parents[link]].append(link)
-        parents_first, stack = [], [root]
+        parents_first = []
+        stack = [root]
         while stack:
             link = stack.pop()
             parents_first.append(link)
