@@ -249,7 +249,7 @@ _MIN_DRIVE_NUMBER = 1e-18
 _MIN_RATIO = 1e-6
 """Smallest gear ratio: rad/rad, or rad/m for a spindle."""
 _MAX_RATIO = 1e9
-"""Largest gear ratio: rad/rad, or rad/m for a spindle; a thread of 1 nm pitch has 6e9 rad/m."""
+"""Largest gear ratio: rad/rad, or rad/m for a spindle, where it is a thread of 6 nm pitch."""
 
 
 def check_actuator(actuator: Actuator) -> None:
