@@ -80,7 +80,8 @@ class ShownRobot(Answer):
 
     def write_page(self, path: str) -> None:
         """Write the page. Loops of the robot's file are closed if neither a motion nor a section moves the joints."""
-        page_robot = drawn_robot = self.robot
+        page_robot = self.robot
+        drawn_robot = self.robot
         if self.motion is not None:
             drawn_robot, _ = robot_of_motion(self.motion)
         elif self.page["section"] is None:

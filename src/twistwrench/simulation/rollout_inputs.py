@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def torque_limits_of(robot: Robot, torque_limits: Any) -> list[tuple[str, Array, int]]:
-    """Torque limits as an input of the step, (label, array, length of the last axis); empty without limits."""
+    """Torque limits as a list of one input, (label, array, length of the last axis); empty without limits."""
     if torque_limits is None or torque_limits is False:
         return []
     refuse_couplings(robot.model, "torque_limits")
@@ -149,6 +149,7 @@ class Inputs:
     batch: tuple[int, ...]
     """Shape of the batch."""
     dtype: Any
+    """Type of the arrays and of the results, float32 or float64."""
     steps: int
     """Number of steps."""
     dt: float
@@ -230,8 +231,7 @@ def validate_inputs(
         parameter_rows = np.stack(np.broadcast_arrays(*values), axis=-1)
         step_inputs.append(parameter_rows[..., None, :])
     # The robot's own torque limits are float64 and do not decide the type of the results.
-    own_limits = torque_limits is True
-    typed_inputs = [x for label, x, _ in inputs if label != "torque_limits" or not own_limits]
+    typed_inputs = [x for label, x, _ in inputs if label != "torque_limits" or torque_limits is not True]
     dtype = _common_dtype([*states, *typed_inputs, *values])
     arrays = [_with_batch_axis(x.astype(dtype, copy=False), 1, batch) for x in states]
     arrays.append(np.broadcast_to(np.asarray(h, dtype), n))
