@@ -403,8 +403,7 @@ def differentiate(
     def run_on_symbols(*arrays: Any) -> list[Any]:
         """Results of the function, as arrays; raises KernelError if it cannot be traced."""
         try:
-            own_arguments = map(_floats_if_empty, arrays)
-            return _results(what, function(*own_arguments))
+            return _results(what, function(*map(_floats_if_empty, arrays)))
         except TwistWrenchError:
             raise
         except Exception as problem:
@@ -418,9 +417,7 @@ def differentiate(
     result_names = ["result"]
     if len(result_shapes) != 1:
         result_names = [f"result{k}" for k in range(1, len(result_shapes) + 1)]
-    direction_shapes = dict(shapes)
-    for label, model in models.items():
-        direction_shapes[label] = (model.nv,)
+    direction_shapes = {**shapes, **{label: (model.nv,) for label, model in models.items()}}
     shapes_of_results = dict(zip(result_names, result_shapes, strict=True))
     further_inputs = derivative.inputs(direction_shapes, shapes_of_results)
     for label in further_inputs:
