@@ -196,10 +196,7 @@ def validate_inputs(
         torque_limits = bool(torque_limits)
     friction = arguments.flag(friction, "friction")
     limits = torque_limits_of(robot, torque_limits)
-    wrenches = {} if wrench_on_robot is None else wrench_on_robot
-    if not isinstance(wrenches, Mapping):
-        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, since a wrench needs its frame.")
-    wrench_by_frame = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
+    wrench_by_frame = _wrenches_by_frame(robot, wrench_on_robot)
     names, values = parameter_values(robot, parameters)
     has_friction = friction and _has_friction(robot, names)
     if has_friction and method == "semi_implicit":
@@ -218,9 +215,7 @@ def validate_inputs(
     parameter_by_name = dict(zip(names, values, strict=True))
     batch = _batch_shape(states, arrays_by_step, parameter_by_name)
     step_inputs = list(arrays_by_step.values())
-    remarks: tuple[str, ...] = ()
-    if friction and not plan.friction:
-        remarks = (NONE_GIVEN,)
+    remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
     if plan.eases:
         creep = creep_of_samples(robot, states[0], h, parameter_by_name)
         step_inputs.append(creep[..., None, :])
@@ -245,6 +240,15 @@ def validate_inputs(
         shapes["tau"] = None
     ranks = [1, 1, 1, *[2] * len(step_inputs)]  # of q0, dq0 and dt, then of the other inputs
     return Inputs(plan, arrays, ranks, batch, dtype, n, h, kept, remarks, shapes)
+
+
+def _wrenches_by_frame(robot: Robot, wrench_on_robot: Any) -> dict[str, Array]:
+    """Wrenches on the robot (..., 6) by frame; none for None. Raises ShapeError without frames."""
+    if wrench_on_robot is None:
+        return {}
+    if not isinstance(wrench_on_robot, Mapping):
+        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, since a wrench needs its frame.")
+    return {frame: wrench_at(robot.model, frame, F) for frame, F in wrench_on_robot.items()}
 
 
 def _has_friction(robot: Robot, parameters: Sequence[str]) -> bool:
