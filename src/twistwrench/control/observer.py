@@ -123,7 +123,8 @@ class MomentumObserver:
 
     def reset(self) -> None:
         """Reset the observer: the next :meth:`update` is the first."""
-        self._last, self._residual = None, np.zeros(self.robot.nv)
+        self._last = None
+        self._residual = np.zeros(self.robot.nv)
 
     def update(self, t: float, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
         """Residual at a time, from the state and the torques since the last update.
@@ -170,8 +171,10 @@ class MomentumObserver:
             raise ShapeError(f"MomentumObserver: times have shape {t.shape}, expected (n,), the instants of a record.")
 
         def checked_rows(matrix: ArrayLike, name: str, columns: Sequence[str]) -> Array:
+            """Finite numbers, with a row for each time and the columns in this order."""
             what = f"MomentumObserver: {name}"
-            return arguments.finite(arguments.one(matrix, what, len(t), len(columns), names=columns), what)
+            rows = arguments.one(matrix, what, len(t), len(columns), names=columns)
+            return arguments.finite(rows, what)
 
         velocity_names = self.robot.model.velocity_names
         q = checked_rows(q, "q", self.robot.coordinate_names)
@@ -283,7 +286,8 @@ class MomentumObserver:
         what = "MomentumObserver.wrench: residual"
         if residual is None:
             residual = self._residual
-        r = arguments.finite(arguments.one(residual, what, robot.nv, names=robot.model.velocity_names), what)
+        residual = arguments.one(residual, what, robot.nv, names=robot.model.velocity_names)
+        r = arguments.finite(residual, what)
         J = robot.jacobian(q, frame, kind)[selected]
         U, s, Vt = np.linalg.svd(J)  # J = U diag(s) Vt, so r = J'F = Vt' diag(s) U' F
         min_singular_value = SINGULAR_VALUE_SHARE * s.max(initial=0.0)
@@ -322,9 +326,9 @@ class MomentumObserver:
         t0, dq0, p0, beta0 = begins
         t1, dq1, p1, beta1 = ends
         dt = (t1 - t0)[:, None]
-        not_rising = ~(dt[:, 0] > 0)
-        if not_rising.any():
-            k = int(not_rising.argmax())  # the first one
+        is_after = dt[:, 0] > 0  # False for NaN
+        if not is_after.all():
+            k = int(is_after.argmin())  # the first False
             raise ValueRangeError(
                 f"MomentumObserver: t = {printed(float(t1[k]))} s is not after the last time, {printed(float(t0[k]))} s. Give "
                 "samples in order, and begin a new motion with reset()."
@@ -333,7 +337,8 @@ class MomentumObserver:
             # Torques minus friction; load-dependent friction depends on the remaining torques.
             past_friction = self._torque_past_friction
             tau = 0.5 * np.asarray(past_friction(dq0, tau) + past_friction(dq1, tau))
-        return (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1), np.exp(-self.gain * dt)
+        x = (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1)
+        return x, np.exp(-self.gain * dt)
 
 
 complete(globals())

@@ -208,8 +208,9 @@ def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: flo
         raise ShapeError("MomentumObserver.threshold: the motion has no torques. Give a log with measured torques.")
     per_hour = arguments.positive(per_hour, "per_hour")
     e = observer.over(motion.time, motion.q, motion.dq, motion.tau)
-    used = motion.time >= motion.time[0] + BEGIN  # rows
-    block_number = ((motion.time[used] - motion.time[0] - BEGIN) / BLOCK).astype(int)  # of each used row
+    used = motion.time >= motion.time[0] + BEGIN  # mask of rows
+    time_of_use = motion.time[used] - motion.time[0] - BEGIN
+    block_number = (time_of_use / BLOCK).astype(int)  # of each used row
     if not used.any() or block_number[-1] < 2:
         raise ValueRangeError(
             f"MomentumObserver.threshold: the log has {number(motion.duration, 3)} s. Give {number(BEGIN + _MIN_BLOCKS)} s or "
@@ -218,11 +219,11 @@ def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: flo
     step = float(np.median(np.diff(motion.time)))
     positions = _single_positions(motion)
     mean = _cell_means(e[used], motion.dq[used], positions[used], step, observer.gain)
-    first_rows = np.flatnonzero(np.diff(block_number, prepend=-1))  # of the blocks
+    first_rows = np.flatnonzero(np.diff(block_number, prepend=-1))  # row at which each block begins
     maxima = np.maximum.reduceat(np.abs(e[used] - mean), first_rows)
     if len(maxima) > _MIN_BLOCKS:
         maxima = maxima[:-1]  # the last block may be short
-    share = per_hour * BLOCK / HOUR / observer.robot.nv  # of blocks with a false alarm of one joint
+    share = per_hour * BLOCK / HOUR / observer.robot.nv  # share of the blocks in which one joint gives a false alarm
     noise = gumbel_level(maxima, share)
     model = np.abs(mean).max(axis=0)
     doubts = tuple(_doubts(observer, motion, maxima, share))
@@ -276,7 +277,7 @@ def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Arra
 
 
 def _doubts(observer: MomentumObserver, motion: Motion, maxima: Array, share: float) -> Iterator[Doubt]:
-    """Doubts about too few blocks, about a contradictory log, and about a block in which something pushed."""
+    """Doubts about too few blocks, a log that contradicts itself, and a block in which something pushed."""
     if len(maxima) < _MIN_BLOCKS:
         yield doubt("residual-short", blocks=len(maxima), least=_MIN_BLOCKS)
     yield from (contradiction for contradiction in motion.doubts if contradiction.refuses)

@@ -26,11 +26,11 @@ class ExitCode(IntEnum):
     FAULT = 70
     """Internal error of the program; the number is that of ``sysexits.h``."""
     INTERRUPTED = 130
-    """128 + SIGINT, as in shells."""
+    """Interrupted by Ctrl-C: 128 + SIGINT, as in shells."""
     PIPE_CLOSED = 141
     """128 + SIGPIPE: the program that reads the output, such as ``head``, has ended."""
     TERMINATED = 143
-    """128 + SIGTERM."""
+    """Terminated by a signal: 128 + SIGTERM."""
 
 
 class Word(StrEnum):
@@ -47,9 +47,10 @@ class Word(StrEnum):
     LOOK_AGAIN = "LOOK AGAIN"
 
 
-_POSITIVE = Word.OK, Word.DONE
+_POSITIVE = (Word.OK, Word.DONE)
 """Words of a verdict that needs no reason."""
-_SEVEREST_FIRST = Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, Word.UNSURE, Word.OK, Word.DONE
+_SEVEREST_FIRST = (Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, Word.UNSURE, Word.OK, Word.DONE)
+"""Words of verdicts that can be joined, in order of severity."""
 
 
 class Reason(str):
@@ -131,16 +132,19 @@ class Verdict:
         -------
         verdict : Verdict
         """
-        reasons_of = {
-            Word.LOOK_AGAIN: look_again, Word.COLLISION: collision, Word.OVER_LIMIT: over, Word.UNSURE: unsure,
-        }  # fmt: skip
-        for word, reasons in reasons_of.items():
+        reasons_by_word = {  # the most severe first
+            Word.LOOK_AGAIN: look_again,
+            Word.COLLISION: collision,
+            Word.OVER_LIMIT: over,
+            Word.UNSURE: unsure,
+        }
+        for word, reasons in reasons_by_word.items():
             if reasons:
                 return cls(word, tuple(reasons))
         return cls(Word.OK)
 
     def joined(self, other: Verdict) -> Verdict:
-        """Verdict on two questions: the more severe of both verdicts; if their words are equal, the reasons of both.
+        """Verdict on two questions: the more severe verdict; if both have one word, that word with the reasons of both.
 
         Parameters
         ----------
@@ -188,9 +192,12 @@ class Verdict:
 # ── Ctrl-C during the import of the package: the command ends without a traceback, as it does later
 
 
+_STANDARD_ERROR = 2  # file descriptor
+
+
 def end_at_once(*_: Any) -> None:
-    """End the process immediately; no work is lost."""
-    os.write(2, b"interrupted\n")
+    """End the process immediately, as a handler of signals; no work is lost."""
+    os.write(_STANDARD_ERROR, b"interrupted\n")
     os._exit(ExitCode.INTERRUPTED)
 
 
@@ -200,7 +207,7 @@ def _is_command() -> bool:
     program = arguments[0]
     if program == "-m":  # sys.argv while Python looks for the module
         command_line = " ".join(sys.orig_argv)
-        return " -m twistwrench " in f" {command_line} "
+        return " -m twistwrench " in f" {command_line} "  # also at its end
     return Path(program).name in ("twistwrench", "twistwrench.exe")
 
 

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 _SEVERITY_STYLES = {Severity.ERROR: strong(Style.OVER), Severity.WARNING: Style.NEAR, Severity.NOTE: Style.QUIET}
 _MAX_SHORT_LINES = 34
-"""Maximum number of lines that the paragraphs of the short form take in the narrowest terminal."""
+"""Maximum number of lines of the paragraphs in the short form, on the narrowest terminal."""
 _MIN_TERMINAL_WIDTH = 76
-"""Characters of a line in the narrowest terminal."""
+"""Number of characters in a line of the narrowest terminal."""
 _MAX_LISTED_PLACES = 6
 """Maximum number of places in the heading of a group of findings."""
 
@@ -36,30 +36,33 @@ def doctor_view(report: DoctorReport) -> Iterator[Block]:
     remaining_lines = _MAX_SHORT_LINES
     level = Level.SHORT
     for group in groups:
-        paragraph = _paragraph(group[0])
-        if len(group) > 1:
+        first_finding, *other_findings = group
+        paragraph = _paragraph(first_finding)
+        if other_findings:
             paragraph[0] = _heading(group)
-        remaining_lines -= sum(1 + len(plain(line)) // _MIN_TERMINAL_WIDTH for line in paragraph)
-        # The first group is shown however long it is: a report of errors shows at least one.
+        for line in paragraph:
+            remaining_lines -= 1 + len(plain(line)) // _MIN_TERMINAL_WIDTH
+        # The first group is shown even if it is long: a report of errors shows at least one.
         if remaining_lines < 0 and group is not groups[0]:
             level = Level.ALL
         yield from _set_level(level, paragraph)
-        for finding in group[1:]:
+        for finding in other_findings:
             yield from _set_level(Level.ALL, _paragraph(finding))
     if level is Level.ALL or len(groups) < len(report.findings):
         yield More(f"All {len(report.findings)} findings with lines")
 
 
 def _set_level(level: Level, lines: Sequence[Line]) -> Sequence[Line]:
-    """Set the level of the report from which on the lines are shown, and return them."""
+    """Set the level of the report from which the lines are shown, and return the lines."""
     for line in lines:
         line.level = level
     return lines
 
 
 def place_words(finding: Finding) -> str:
-    """Part of the robot, with its file and line."""
-    return ", ".join(filter(None, (finding.where, line_text(finding))))
+    """Text of the part of the robot, with its file and line if they are known."""
+    words = (finding.where, line_text(finding))
+    return ", ".join(filter(None, words))
 
 
 def _heading(group: Sequence[Finding]) -> Line:
@@ -69,9 +72,9 @@ def _heading(group: Sequence[Finding]) -> Line:
     places = [_short_place(finding) for finding in group[:_MAX_LISTED_PLACES]]
     if any(places):
         text += f": {', '.join(filter(None, places))}"
-        further = len(group) - _MAX_LISTED_PLACES
-        if further > 0:
-            text += f", and {further} more"
+        omitted_count = len(group) - _MAX_LISTED_PLACES
+        if omitted_count > 0:
+            text += f", and {omitted_count} more"
     return Line((str(first.severity), _SEVERITY_STYLES[first.severity]), text)
 
 
@@ -83,8 +86,8 @@ def _short_place(finding: Finding) -> str:
 
 
 def _paragraph(finding: Finding) -> list[Line]:
-    """Severity, check and place; below them the sentence, the repair and its effect."""
-    head = ", ".join(filter(None, (finding.check, place_words(finding))))
+    """Lines on a finding: severity, check and place; below them the sentence, the repair and its effect."""
+    head = ", ".join(filter(None, (finding.check, place_words(finding))))  # there may be no place
     lines = [
         Line((str(finding.severity), _SEVERITY_STYLES[finding.severity]), f"  {head}"),
         Line(finding.sentence, indent=2),

@@ -23,16 +23,21 @@ from .urdf import ENTRIES, IN_MJCF
 from .xml import MOST_BODIES, Element, Place, exact
 
 _DYNAMICS_NAMES = {"viscous": "damping", "coulomb": "friction"}
-"""Names in ``<dynamics>`` of URDF and SDF, by those of the library."""
+"""Names in ``<dynamics>`` of URDF and SDF, by the library's name."""
 _MJCF_DRIVE_ATTRIBUTES = {"viscous": "damping", "coulomb": "frictionloss", "motor_inertia": "armature"}
-_ORIENTATION_ATTRIBUTES = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
-"""Forms of an orientation in MJCF; ``quat`` is first."""
+"""Attributes of joints in MJCF, by the library's name."""
+_OTHER_ORIENTATION_ATTRIBUTES = ("axisangle", "xyaxes", "zaxis", "euler")
+"""Forms of an orientation in MJCF other than ``quat``."""
 _ROTOR_INERTIA_TAG = "drake:rotor_inertia"
 _REASON_OF_COMPILER_EDITS = "so that inertias are as they are written"
+_MAX_EQUAL_DIFFERENCE = 1e-12
+"""Relative difference of two numbers up to which they are equal."""
+_MAX_ROUND_OFF = 1e-9
+"""Entry of a rotated tensor, as a share of its largest entry, that is a rounding error of the rotation."""
 
 
 def inertia_about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
-    """Inertia about the origin; the tensor (3, 3) about the centre of mass is symmetrised."""
+    """Inertia about the origin, from the tensor (3, 3) about the centre of mass, which is symmetrised."""
     return SpatialInertia.from_com(mass, com, 0.5 * (tensor + tensor.T))
 
 
@@ -50,7 +55,9 @@ class WrittenInertia:
     places: Mapping[str, Place] = field(default_factory=dict)
     """Places in the file of mass, x, y, z, ixx, ixy, …; numbers without a place cannot be edited."""
     line: int = 0
+    """Line in the file; 0 if unknown."""
     file: str = ""
+    """Included file; empty for the robot file itself."""
 
     @classmethod
     def from_inertia(cls, G: SpatialInertia, line: int = 0, file: str = "") -> WrittenInertia | None:
@@ -78,28 +85,29 @@ class WrittenInertia:
         written_tensor = self.tensor.copy()
         scale = float(np.abs(tensor).max())
         for name, (i, j) in ENTRIES.items():
-            if abs(tensor[i, j] - self.tensor[i, j]) <= 1e-12 * scale:
+            if abs(tensor[i, j] - self.tensor[i, j]) <= _MAX_EQUAL_DIFFERENCE * scale:
                 continue
             if name not in self.places:
                 return (), tensor
-            edits.append(Edit(self.places[name], file_number(tensor[i, j])))
-            written_tensor[i, j] = written_tensor[j, i] = float(edits[-1].text)
+            text = file_number(tensor[i, j])
+            edits.append(Edit(self.places[name], text))
+            written_tensor[i, j] = written_tensor[j, i] = float(text)
         return tuple(edits), written_tensor
 
     def edits(self, inertia: SpatialInertia) -> tuple[Edit, ...]:
         """Edits that give the link another inertia; none if a number that changes has no place."""
         tensor = self.R.T @ inertia.moment_about_com @ self.R
         scale = float(np.abs(tensor).max())
-        tensor[np.abs(tensor) < 1e-9 * scale] = 0.0  # round-off of the rotation
+        tensor[np.abs(tensor) < _MAX_ROUND_OFF * scale] = 0.0
         tensor_edits, _ = self.tensor_edits(tensor)
-        changes = np.abs(tensor - self.tensor).max() > 1e-12 * scale
-        if changes and not tensor_edits:
+        is_changed = np.abs(tensor - self.tensor).max() > _MAX_EQUAL_DIFFERENCE * scale
+        if is_changed and not tensor_edits:
             return ()
         old_values = {"mass": self.mass, **dict(zip("xyz", self.com.tolist(), strict=True))}
         new_values = {"mass": inertia.mass, **dict(zip("xyz", inertia.com.tolist(), strict=True))}
         edits = list(tensor_edits)
         for name, old_value in old_values.items():
-            if abs(new_values[name] - old_value) <= 1e-12 * max(1.0, abs(old_value)):
+            if abs(new_values[name] - old_value) <= _MAX_EQUAL_DIFFERENCE * max(1.0, abs(old_value)):
                 continue
             if name not in self.places:
                 return ()
@@ -117,14 +125,16 @@ class RobotText:
     """Robot file with editable numbers; each format has a subclass."""
 
     share_left = 0.0
-    """Share of a body's inertia that stays in each link merged into the body."""
+    """Share of a body's inertia that is left in each link merged into the body."""
     links: dict[str, Element]
+    """Elements of links or bodies, by name."""
     joints: dict[str, Element]
+    """Elements of joints, by name."""
     noun = "link"
     """The format's word for a link, for messages."""
 
     def inertia(self, name: str) -> WrittenInertia | None:
-        """Inertia of a link in the file."""
+        """Inertia of a link in the file; None without one."""
         raise NotImplementedError
 
     def assumed_parts(self, _name: str) -> tuple[str, ...]:
@@ -132,7 +142,7 @@ class RobotText:
         return ()
 
     def write_links(self, changes: TextChanges, wanted: Mapping[str, SpatialInertia]) -> None:
-        """Set the inertias of links, each about its frame. Raises ModelError for links that are not in the file."""
+        """Set the ``wanted`` inertias of links, each about its frame; raises ModelError for links that the file lacks."""
         for name in wanted:
             if name not in self.links:
                 raise ModelError(f"the file has no {self.noun} {name!r} whose inertia could be written.")
@@ -143,7 +153,7 @@ class RobotText:
             self._write(changes, name, inertia, reason)
 
     def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
-        """Set the inertia of a link about its frame."""
+        """Set the inertia of a link about its frame; ``why`` is the reason of the edits."""
         raise NotImplementedError
 
     def parent(self, link: str) -> str:
@@ -164,17 +174,18 @@ class UrdfText(RobotText):
         self.materials = {element.attributes.get("name", ""): element for element in root.all("material")}
 
     def inertia(self, name: str) -> WrittenInertia | None:
-        """Inertia of a link in the file."""
+        """Inertia of a link in the file; None without one."""
         inertial = self.links[name].child("inertial")
         if inertial is None:
             return None
         mass, T, I = urdf.inertial_of(inertial)
-        tensor, origin = inertial.require_child("inertia", ""), inertial.child("origin")
-        places = {name: tensor.locate(name) for name in ENTRIES}
+        tensor_element = inertial.require_child("inertia", "")
+        origin = inertial.child("origin")
+        places = {entry: tensor_element.locate(entry) for entry in ENTRIES}
         places["mass"] = inertial.require_child("mass", "").locate("value")
         if origin is not None and "xyz" in origin.attributes:
             places |= {axis: origin.locate("xyz", k) for k, axis in enumerate("xyz")}
-        return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, tensor.line)
+        return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, tensor_element.line)
 
     def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
         link = self.links[name]
@@ -188,9 +199,9 @@ class UrdfText(RobotText):
             entries = dict.fromkeys(ENTRIES, "0")
         elif inertial is None:
             texts = _entry_texts(inertia.moment_about_com)
-            tensor = " ".join(f'{entry}="{text}"' for entry, text in texts.items())
+            tensor_attributes = " ".join(f'{entry}="{text}"' for entry, text in texts.items())
             origin = f'<origin xyz="{com}" rpy="0 0 0"/>'
-            changes.add(link, f'<inertial>{origin}<mass value="{mass}"/><inertia {tensor}/></inertial>')
+            changes.add(link, f'<inertial>{origin}<mass value="{mass}"/><inertia {tensor_attributes}/></inertial>')
             return
         else:
             origin_element = inertial.child("origin")
@@ -201,12 +212,14 @@ class UrdfText(RobotText):
                 changes.set(origin_element, "xyz", com)
             entries = _entry_texts(R.T @ inertia.moment_about_com @ R)
         changes.set(inertial.require_child("mass", ""), "value", mass, why)
+        tensor_element = inertial.require_child("inertia", "")
         for entry, text in entries.items():
-            changes.set(inertial.require_child("inertia", ""), entry, text, why)
+            changes.set(tensor_element, entry, text, why)
 
     def _joint_above(self, link: str) -> Element:
         """Joint whose child is a link."""
-        return next(joint for joint in self.joints.values() if joint.require_child("child", "").text("link") == link)
+        joints = self.joints.values()
+        return next(joint for joint in joints if joint.require_child("child", "").text("link") == link)
 
     def parent(self, link: str) -> str:
         """Link in whose frame a link is placed."""
@@ -216,7 +229,8 @@ class UrdfText(RobotText):
         """Set the ``<origin>`` of the joint above a link."""
         joint = self._joint_above(link)
         origin = joint.child("origin")
-        xyz, rpy = exact(T[:3, 3]), exact(urdf.rpy_of_rotation(T[:3, :3]))
+        xyz = exact(T[:3, 3])
+        rpy = exact(urdf.rpy_of_rotation(T[:3, :3]))
         if origin is None:
             changes.add(joint, f'<origin xyz="{xyz}" rpy="{rpy}"/>')
             return
@@ -228,7 +242,7 @@ class UrdfText(RobotText):
             changes.set(origin, "rpy", rpy, why)
 
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
-        """Set the friction of a joint, ``viscous`` and ``coulomb``."""
+        """Set the friction of a joint, ``viscous`` and ``coulomb``; zeros are written only in place of other values."""
         joint = self.joints[name]
         dynamics = joint.child("dynamics")
         texts = {_DYNAMICS_NAMES[kind]: exact([value]) for kind, value in values.items() if kind in _DYNAMICS_NAMES}
@@ -236,8 +250,8 @@ class UrdfText(RobotText):
             for attribute, text in texts.items():
                 changes.set(dynamics, attribute, text, why)
         elif any(map(float, texts.values())):
-            entries = " ".join(f'{attribute}="{text}"' for attribute, text in texts.items())
-            changes.add(joint, f"<dynamics {entries}/>")
+            attributes = " ".join(f'{attribute}="{text}"' for attribute, text in texts.items())
+            changes.add(joint, f"<dynamics {attributes}/>")
 
 
 class SdfText(RobotText):
@@ -248,18 +262,21 @@ class SdfText(RobotText):
     def __init__(self, root: Element, model: str, _path: Path | None) -> None:
         try:
             element, _ = sdf.chosen_model(root, None)
-        except TwistWrenchError:
+        except TwistWrenchError:  # several models
             element, _ = sdf.chosen_model(root, model)
         parts = sdf.expand_model(element)
-        self.links, self.joints = parts.links, parts.joints
+        self.links = parts.links
+        self.joints = parts.joints
         self._axes: dict[str, tuple[Element, Element]] = {}
         """Axis element and joint element by the library's name of the joint."""
         for name, joint in parts.joints.items():
             if joint.text("type") in sdf.TWO_AXES:
-                axes = {f"{name}.axis": joint.child("axis"), f"{name}.axis2": joint.child("axis2")}
+                axis_by_name = {f"{name}.axis": joint.child("axis"), f"{name}.axis2": joint.child("axis2")}
             else:
-                axes = {name: joint.child("axis")}
-            self._axes |= {axis_name: (axis, joint) for axis_name, axis in axes.items() if axis is not None}
+                axis_by_name = {name: joint.child("axis")}
+            for axis_name, axis in axis_by_name.items():
+                if axis is not None:
+                    self._axes[axis_name] = (axis, joint)
 
     def assumed_parts(self, name: str) -> tuple[str, ...]:
         """Missing parts of a link's inertia for which the format defines a value."""
@@ -288,13 +305,13 @@ class SdfText(RobotText):
         if inertial is not None:
             pose = inertial.child("pose")
         R = sdf.pose(pose)[:3, :3]
-        com, mass = exact(inertia.com), exact([inertia.mass])
+        com = exact(inertia.com)
+        mass = exact([inertia.mass])
         entries = _entry_texts(R.T @ inertia.moment_about_com @ R)
-        tensor = "".join(f"<{entry}>{text}</{entry}>" for entry, text in entries.items())
+        tensor_elements = "".join(f"<{entry}>{text}</{entry}>" for entry, text in entries.items())
         if inertial is None:
-            changes.add(
-                link, f"<inertial><pose>{com} 0 0 0</pose><mass>{mass}</mass><inertia>{tensor}</inertia></inertial>"
-            )
+            parts = f"<pose>{com} 0 0 0</pose><mass>{mass}</mass><inertia>{tensor_elements}</inertia>"
+            changes.add(link, f"<inertial>{parts}</inertial>")
             return
         if pose is None:
             changes.add(inertial, f"<pose>{com} 0 0 0</pose>")
@@ -304,12 +321,12 @@ class SdfText(RobotText):
                 identity = "0 0 0 1"
             changes.set(pose, "", f"{com} {identity}", why)
         else:
-            orientation_words = pose.content.split()[3:]
+            orientation_words = pose.content.split()[3:]  # after the position
             changes.set(pose, "", " ".join([com, *orientation_words]), why)
         changes.set_child(inertial, "mass", mass, why)
         inertia_element = inertial.child("inertia")
         if inertia_element is None:
-            changes.add(inertial, f"<inertia>{tensor}</inertia>")
+            changes.add(inertial, f"<inertia>{tensor_elements}</inertia>")
             return
         for entry, text in entries.items():
             changes.set_child(inertia_element, entry, text, why)
@@ -328,14 +345,15 @@ class SdfText(RobotText):
         gear_ratio = sdf.number(joint, "drake:gear_ratio", 1.0)
         has_rotor = joint.child(_ROTOR_INERTIA_TAG) is not None
         if "motor_inertia" in values and has_rotor and gear_ratio:
-            changes.set_child(joint, _ROTOR_INERTIA_TAG, exact([values["motor_inertia"] / gear_ratio**2]), why)
+            rotor_inertia = values["motor_inertia"] / gear_ratio**2
+            changes.set_child(joint, _ROTOR_INERTIA_TAG, exact([rotor_inertia]), why)
 
 
 class MjcfText(RobotText):
     """MJCF file: ``<inertial>`` of bodies; damping, frictionloss and armature of joints.
 
-    Settings of ``<compiler>`` that would change written values (inertiafromgeom, settotalmass, boundmass, …) are
-    removed. Bodies that are not to change, but that lose an effect of these settings, are written with their compiled values.
+    Settings of ``<compiler>`` that would change written values (inertiafromgeom, settotalmass, boundmass, …) are removed.
+    Other bodies that the removed settings changed are written with their compiled values.
     """
 
     noun = "body"
@@ -354,7 +372,7 @@ class MjcfText(RobotText):
         names = mjcf.names_given(self._world_and_bodies)
         self.joints = {}
         self._joint_elements: dict[str, Element] = {}
-        """Elements of joints as in the file; those in ``joints`` have the defaults of their classes too."""
+        """Elements of joints as in the file; the elements in ``joints`` also have the defaults of their classes."""
         for body in bodies:
             joints = mjcf.joints_of(body, self.settings, names)
             for joint, element_in_file in zip(joints, _joints_in(body.element), strict=True):
@@ -362,7 +380,7 @@ class MjcfText(RobotText):
                 self._joint_elements[joint.name] = element_in_file
 
     def inertia(self, name: str) -> WrittenInertia | None:
-        """Inertia of a body as its ``<inertial>`` states it, without the effect of compiler settings; None without one."""
+        """Inertia of a body by its ``<inertial>``, without the effect of compiler settings; None without ``<inertial>``."""
         inertial = self.bodies[name].inertial
         if inertial is None:
             return None
@@ -382,7 +400,7 @@ class MjcfText(RobotText):
         return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, element.line, element.file)
 
     def write_links(self, changes: TextChanges, wanted: Mapping[str, SpatialInertia]) -> None:
-        """Set the inertias of bodies, each about its frame. Raises ModelError for bodies that are not in the file."""
+        """Set the ``wanted`` inertias of bodies, each about its frame; raises ModelError for bodies that the file lacks."""
         super().write_links(changes, wanted)
         neutral_settings = self._neutral_settings(wanted)
         if not neutral_settings:
@@ -392,20 +410,23 @@ class MjcfText(RobotText):
                 if attribute in compiler.attributes:
                     changes.set(compiler, attribute, text, _REASON_OF_COMPILER_EDITS)
         # Bodies that the removed settings would change are written, too.
-        neutral = replace(self.settings, **{field: value for field, value, _ in neutral_settings.values()})
+        neutral_fields = {field: value for field, value, _ in neutral_settings.values()}
+        without_settings = replace(self.settings, **neutral_fields)
         bodies = self._world_and_bodies
         compiled = mjcf.inertias_of(bodies, self.settings, self.meshes).each
-        without_settings = mjcf.inertias_of(bodies, neutral, self.meshes).each
-        for body, G, G_neutral in zip(bodies, compiled, without_settings, strict=True):
-            if body.name not in wanted and not np.array_equal(G.parameters, G_neutral.parameters):
+        neutral = mjcf.inertias_of(bodies, without_settings, self.meshes).each
+        for body, G, G_neutral in zip(bodies, compiled, neutral, strict=True):
+            is_changed = not np.array_equal(G.parameters, G_neutral.parameters)
+            if body.name not in wanted and is_changed:
                 self._write(changes, body.name, G, _REASON_OF_COMPILER_EDITS)
 
     def _neutral_settings(self, wanted: Mapping[str, SpatialInertia]) -> dict[str, tuple[str, Any, str]]:
-        """Field of Settings, neutral value and its text, for each ``<compiler>`` attribute that would change ``wanted``."""
+        """Neutral values of the ``<compiler>`` attributes that would change ``wanted``: field of Settings, value, text."""
         settings = self.settings
         neutral: dict[str, tuple[str, Any, str]] = {}
-        # Principal moments, in ascending order.
-        moments = np.array([np.linalg.eigvalsh(G.moment_about_com) for G in wanted.values()]).reshape(-1, 3)
+        moments_of_bodies = [np.linalg.eigvalsh(G.moment_about_com) for G in wanted.values()]
+        moments = np.array(moments_of_bodies).reshape(-1, 3)  # principal ones, in ascending order
+        smallest, middle, largest = moments.T
         if settings.from_geoms == "true":
             neutral["inertiafromgeom"] = ("from_geoms", "auto", "auto")
         if settings.total_mass > 0:
@@ -414,7 +435,7 @@ class MjcfText(RobotText):
             neutral["boundmass"] = ("least_mass", 0.0, "0")
         if (moments < settings.least_moment).any():
             neutral["boundinertia"] = ("least_moment", 0.0, "0")
-        if settings.balanced and (moments[:, 0] + moments[:, 1] < moments[:, 2]).any():
+        if settings.balanced and (smallest + middle < largest).any():
             neutral["balanceinertia"] = ("balanced", False, "false")
         return neutral
 
@@ -437,7 +458,7 @@ class MjcfText(RobotText):
             return
         for attribute, text in texts.items():
             changes.set(inertial.element, attribute, text, why)
-        for attribute in (replaced_attribute, *_ORIENTATION_ATTRIBUTES):
+        for attribute in (replaced_attribute, "quat", *_OTHER_ORIENTATION_ATTRIBUTES):
             if attribute in inertial.element.attributes:
                 changes.remove(inertial.element, attribute, why)
 
@@ -455,12 +476,12 @@ class MjcfText(RobotText):
         body = self.links[link]
         changes.set(body, "pos", exact(T[:3, 3]), why)
         changes.set(body, "quat", exact(quaternion.from_matrix(T[:3, :3])), why)
-        for name in _ORIENTATION_ATTRIBUTES[1:]:  # without quat
-            if name in body.attributes:
-                changes.remove(body, name, why)
+        for attribute in _OTHER_ORIENTATION_ATTRIBUTES:
+            if attribute in body.attributes:
+                changes.remove(body, attribute, why)
 
     def joint_element(self, name: str) -> Element:
-        """Element of a joint."""
+        """Element of a joint, as in the file."""
         return self._joint_elements[name]
 
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
@@ -486,6 +507,7 @@ TEXTS: Mapping[str, type[UrdfText] | type[MjcfText] | type[SdfText]] = {
     "mjcf": MjcfText,
     "sdf": SdfText,
 }
+"""Class of editable files by format."""
 
 
 def text_of(root: Element, model: str, path: Path | None) -> UrdfText | MjcfText | SdfText:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from ..motion.motion import Motion
 
 _MIN_OPEN_SHARE = 0.02
-"""Change of a joint's torque in another motion by the deviation of a group, as a share, from which the group is listed."""
+"""Share of a joint's torque in another motion from which a group is listed if its deviation changes the torque by it."""
 _MIN_POOR_DEVIATION = 0.3
 """Relative deviation from which a group is poorly determined."""
 
@@ -57,16 +57,16 @@ class IdentifiedRobot(Answer):
     Attributes
     ----------
     original : Robot, with the values of its file
-    base : BaseParameters
-    values : (r,) array, values of the groups
+    base : BaseParameters, the groups of parameters
+    values : (r,) array, values of the groups, in SI units
     covariance : GroupCovariance
     sigma : (nv,) array, sizes of the residuals of the training rows [N m or N]
     settings : FitSettings, chosen on the training rows
-    held_out : HeldOut
+    held_out : HeldOut, unexplained shares of the torques in rows that were not fitted
     trained : HeldOut, cross-validation over fifths of the training rows
     doubts : tuple of Doubt
     prior : Prior, weak prior of directions without information
-    method : str
+    method : str, how the rows were weighted
     sizes : (p,) array, largest plausible sizes of the unknown parameters
     payload_frame : str or None, frame of the payload if only a payload was identified
     notes : tuple of str, on omitted rows and pauses of the logs
@@ -139,7 +139,7 @@ class IdentifiedRobot(Answer):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """SI units of the groups: those of their first parameters."""
+        """SI units of the groups: each group has the unit of its first parameter."""
         return group_units(self.groups, self.original.model)
 
     @property
@@ -159,12 +159,13 @@ class IdentifiedRobot(Answer):
 
     @property
     def worst(self) -> tuple[str, float] | None:
-        """Joint with the largest unexplained share of its torque in rows held out, and that share; None without torques."""
-        shares = {joint: share for joint, share in self.held_out.joints.items() if math.isfinite(share)}
-        if not shares:
+        """Joint and its unexplained share of torque, the largest in rows held out; None if no joint has torques."""
+        # a joint without torques has no finite share
+        share_of_joint = {joint: share for joint, share in self.held_out.joints.items() if math.isfinite(share)}
+        if not share_of_joint:
             return None
-        worst_joint = max(shares, key=lambda joint: shares[joint])
-        return worst_joint, shares[worst_joint]
+        worst_joint = max(share_of_joint, key=lambda joint: share_of_joint[joint])
+        return worst_joint, share_of_joint[worst_joint]
 
     @property
     def free_count(self) -> int:
@@ -173,14 +174,16 @@ class IdentifiedRobot(Answer):
 
     @property
     def offsets(self) -> Mapping[str, float]:
-        """Offset of the torque by joint, as far as it is a group of its own; 0 if its interval contains 0."""
+        """Offset of the torque by joint; 0 if its interval contains 0. Joints whose offset is no group have no entry."""
         low, high = self.interval().T
         offsets: dict[str, float] = {}
         for joint in self.original.model.velocity_names:
             group = f"{joint}.offset"
-            if group in self.groups:
-                k = self.groups.index(group)
-                offsets[joint] = 0.0 if low[k] <= 0.0 <= high[k] else float(self.values[k])
+            if group not in self.groups:
+                continue
+            k = self.groups.index(group)
+            may_be_zero = low[k] <= 0.0 <= high[k]
+            offsets[joint] = 0.0 if may_be_zero else float(self.values[k])
         return offsets
 
     def consistent_at(self, strength: float | None) -> ConsistentRobot:
@@ -208,18 +211,21 @@ class IdentifiedRobot(Answer):
 
     @property
     def robot(self) -> Robot:
-        """Robot with consistent bodies, friction and motor inertias; the original with its payload if only that is identified.
+        """Robot with consistent bodies, friction and motor inertias.
 
-        Gravity is the gravity of the logs, including an assumed cause that changes it.
+        If only a payload is identified, it is the original robot with that payload. Gravity is the gravity of the logs,
+        including an assumed cause that changes it.
         """
         if self.payload is not None:
             return self.original.with_payload(self.payload.inertia, self.payload.frame)
-        robot, load_friction = self.consistent.robot, self.load_friction
+        robot = self.consistent.robot
+        load_friction = self.load_friction
         if not load_friction:
             return robot
-        load_shares = np.array([load_friction.get(joint, 0.0) for joint in robot.model.velocity_names])
-        friction = replace(robot.model.friction, load=load_shares)
-        return Robot(replace(robot.model, friction=friction))
+        model = robot.model
+        load_shares = np.array([load_friction.get(joint, 0.0) for joint in model.velocity_names])
+        friction = replace(model.friction, load=load_shares)
+        return Robot(replace(model, friction=friction))
 
     def residual_thresholds(self, motion: Motion, gain: float, *, per_hour: float = 1.0) -> ResidualThreshold:
         """Thresholds for collision detection by an observer of the identified robot, from a log without contact.
@@ -253,10 +259,13 @@ class IdentifiedRobot(Answer):
         """Load friction by joint, as a share of the carried torque, if it was assumed and its estimate is positive."""
         shares: dict[str, float] = {}
         for cause in self.settings.assumed:
-            value = cause.value or 0.0  # [%]
-            if cause.kind == "load-friction" and value > 0.0:
-                # a cause without joints has one value for all of them
-                shares |= dict.fromkeys(cause.joints or self.original.model.velocity_names, 0.01 * value)
+            percentage = cause.value
+            if cause.kind != "load-friction" or percentage is None or not percentage > 0.0:
+                continue
+            joints = cause.joints
+            if not joints:  # a cause without joints has one value for all of them
+                joints = self.original.model.velocity_names
+            shares |= dict.fromkeys(joints, 0.01 * percentage)
         return shares
 
     @cached_property
@@ -274,19 +283,20 @@ class IdentifiedRobot(Answer):
     @cached_property
     def residuals(self) -> ModelResiduals:
         """Held-out residuals of the file's bodies, the file's bodies with friction, the groups and the consistent robot."""
-        return model_residuals(
-            self.base, self._fifths, self.prior, self.values, self.sizes, self.consistent.fit.strength
-        )
+        strength = self.consistent.fit.strength
+        return model_residuals(self.base, self._fifths, self.prior, self.values, self.sizes, strength)
 
     def interval(self, level: float = 0.95) -> Array:
         """Confidence intervals of the groups.
 
         Returns
         -------
-        interval : (r, 2) array
+        interval : (r, 2) array, lower and upper limit of each group
         """
         half_widths = self.covariance.half_width(level)
-        return np.stack([self.values - half_widths, self.values + half_widths], axis=1)
+        low = self.values - half_widths
+        high = self.values + half_widths
+        return np.stack([low, high], axis=1)
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -302,34 +312,38 @@ class IdentifiedRobot(Answer):
 
     @property
     def poorly_determined(self) -> tuple[str, ...]:
-        """Names of the groups whose standard deviation exceeds 30 % of their value, largest share first."""
-        share = self.standard_deviations / np.maximum(np.abs(self.values), 1e-300)
-        order = np.argsort(-share)
-        is_poor = (share > _MIN_POOR_DEVIATION) & ~self.base.held
-        poor_groups = order[is_poor[order]]
-        return tuple(self.groups[k] for k in poor_groups)
+        """Names of the groups whose standard deviation exceeds 30 % of their value, largest relative deviation first."""
+        sizes_of_values = np.maximum(np.abs(self.values), 1e-300)  # no division by zero
+        relative_deviations = self.standard_deviations / sizes_of_values
+        largest_first = np.argsort(-relative_deviations)
+        is_poor = (relative_deviations > _MIN_POOR_DEVIATION) & ~self.base.held
+        return tuple(self.groups[k] for k in largest_first if is_poor[k])
 
     @property
     def open_for_torques(self) -> dict[str, tuple[str, float]]:
         """Groups whose deviation changes a joint's torque in another motion by over 2 %; the largest change first.
 
-        Each has the joint with the largest change, and this change as a share of the joint's torque.
+        Each group name is given the joint that changes most, and the change as a share of this joint's torque. Empty if
+        no other motion was given.
         """
         if self.torque_shares is None:
             return {}
-        names = self.original.model.velocity_names
-        largest_shares, worst_joints = self.torque_shares.max(axis=0), self.torque_shares.argmax(axis=0)
-        groups: dict[str, tuple[str, float]] = {}
-        for k in np.argsort(-largest_shares):
+        joint_names = self.original.model.velocity_names
+        largest_shares = self.torque_shares.max(axis=0)
+        worst_joints = self.torque_shares.argmax(axis=0)
+        largest_first = np.argsort(-largest_shares)
+        open_groups: dict[str, tuple[str, float]] = {}
+        for k in largest_first:
             if largest_shares[k] > _MIN_OPEN_SHARE:
-                groups[self.groups[k]] = (names[worst_joints[k]], float(largest_shares[k]))
-        return groups
+                worst_joint = joint_names[worst_joints[k]]
+                open_groups[self.groups[k]] = (worst_joint, float(largest_shares[k]))
+        return open_groups
 
     @property
     def parameters(self) -> Mapping[str, tuple[float, float]]:
         """Value and standard deviation of each group, by name."""
-        pairs = zip(self.values.tolist(), self.standard_deviations.tolist(), strict=True)
-        return dict(zip(self.groups, pairs, strict=True))
+        values_with_deviations = zip(self.values.tolist(), self.standard_deviations.tolist(), strict=True)
+        return dict(zip(self.groups, values_with_deviations, strict=True))
 
     def write(
         self,
@@ -430,7 +444,8 @@ class IdentifiedRobot(Answer):
         -------
         files : {argument: path}
         """
-        return {"ROBOT": self.original.model.source, **{f"LOG {path}": path for path in self.logs}}
+        log_files = {f"LOG {path}": path for path in self.logs}
+        return {"ROBOT": self.original.model.source, **log_files}
 
     def origin(self) -> Iterator[Setting]:
         """Robot, settings of the fit, and weights.
@@ -516,7 +531,8 @@ class IdentifiedRobot(Answer):
 
     def _parameters_to_dict(self) -> dict[str, dict[str, Any]]:
         """Value, deviation, interval and file value of each group, by name."""
-        intervals, file_values = self.interval().tolist(), self.prior.mean.tolist()
+        intervals = self.interval().tolist()
+        file_values = self.prior.mean.tolist()
         parameters: dict[str, dict[str, Any]] = {}
         for k, (name, (value, deviation)) in enumerate(self.parameters.items()):
             parameters[name] = {
@@ -558,14 +574,15 @@ def without_links(robot: Robot, links: Iterable[str]) -> Robot:
     0.73
     """
     model = robot.model
-    bodies, link_inertias = list(model.bodies), dict(model.link_inertias)
+    bodies = list(model.bodies)
+    link_inertias = dict(model.link_inertias)
     moving_links = [name for name, frame in model.frames.items() if frame.body != BASE and name in link_inertias]
     for link in links:
         if link not in moving_links:
             raise UnknownNameError.from_choices("link that moves", link, moving_links)
         frame = model.frames[link]
         body = bodies[frame.body]
-        G = link_inertias[link].in_frame(frame.pose)
+        G = link_inertias[link].in_frame(frame.pose)  # in the frame of the body
         bodies[frame.body] = replace(body, inertia=body.inertia - G)
         link_inertias[link] = SpatialInertia.zero()
     return Robot(replace(model, bodies=tuple(bodies), link_inertias=link_inertias))

@@ -89,10 +89,11 @@ class Coordinates:
         -------
         headers : list of str
         """
+        names = self.velocity_names
+        is_angular = self.angular_velocity
         if part == "q":
-            names, is_angular = self.names, self.angular
-        else:
-            names, is_angular = self.velocity_names, self.angular_velocity
+            names = self.names
+            is_angular = self.angular
         headers = [f"{name}{SUFFIX[part]}" for name in names]
         if degrees and part in DEGREES:
             for k in np.flatnonzero(is_angular):
@@ -230,7 +231,7 @@ class Continuity:
         smallest = rows.min(axis=0, initial=math.inf)
         largest = rows.max(axis=0, initial=-math.inf)
         half_turn = 0.5 * np.asarray(turn)
-        tolerance = _TURN_TOLERANCE * 0.5 * np.asarray(turn)
+        tolerance = _TURN_TOLERANCE * half_turn
         is_about_zero = (smallest >= -half_turn - tolerance) & (largest <= half_turn + tolerance)
         is_above_zero = (smallest >= -tolerance) & (largest <= turn + tolerance)
         is_within_turn = is_about_zero | is_above_zero

@@ -44,11 +44,14 @@ class Origin(StrEnum):
     LOG = "log"
     """A recording, by its measured torques or the grid of an encoder: it cannot exceed what the robot can do."""
     EITHER = "either"
+    """Neither is known: it may be a plan or a log."""
 
     @property
     def level(self) -> Level:
         """Level of a doubt about a motion that no robot makes."""
-        return "refuse" if self is Origin.LOG else "unsure"
+        if self is Origin.LOG:
+            return "refuse"
+        return "unsure"
 
 
 class InstantKind(StrEnum):
@@ -90,8 +93,10 @@ def origin_of(runs: Sequence[tuple[Array, Array | None]], *, plan: bool) -> Orig
         torques_vary = tau is not None and bool((np.ptp(tau, axis=0) > 0.0).any())
         if torques_vary:
             return Origin.LOG
-    for positions_by_run in zip(*[q.T for q, _ in runs], strict=True):  # of one coordinate after the other
-        if is_encoder(quantum(list(positions_by_run))):
+    coordinates_of_runs = [q.T for q, _ in runs]
+    for positions_by_run in zip(*coordinates_of_runs, strict=True):  # of one coordinate after the other
+        grid = quantum(list(positions_by_run))
+        if is_encoder(grid):
             return Origin.LOG
     return Origin.EITHER
 
@@ -174,7 +179,8 @@ class RecordedSteps:
         joint_count = len(self.joints)
         self.instants: list[Instant] = []
         """Rows that are missing, repeated or wrong, and corners of the path."""
-        no_rows = Extrema.from_rows(np.zeros(0), *np.zeros((2, 0, joint_count)))
+        no_values = np.zeros((0, joint_count))
+        no_rows = Extrema.from_rows(np.zeros(0), no_values, no_values)
         self.fastest = no_rows
         """Speeds of single steps, less noise."""
         self.lone = no_rows
@@ -191,7 +197,10 @@ class RecordedSteps:
 
     def _learn(self, runs: Sequence[tuple[Array, Array]]) -> _Usual | None:
         """Usual figures of runs of times (n,) and coordinates (n, nq); None if all are too short."""
-        all_h, all_distances, all_departures, all_change_departures = [], [], [], []
+        all_h = []
+        all_distances = []
+        all_departures = []
+        all_change_departures = []
         for t, q in runs:
             if len(t) < _MIN_ROWS:
                 continue
@@ -201,15 +210,18 @@ class RecordedSteps:
             all_h.append(h)
             all_distances.append(np.abs(displacement))
             all_departures.append(np.abs(_departures(speeds)))
-            all_change_departures.append(np.abs(_departures(np.diff(speeds, axis=0))))
+            changes_of_speed = np.diff(speeds, axis=0)
+            all_change_departures.append(np.abs(_departures(changes_of_speed)))
         if not all_h:
             return None
         step = float(np.median(np.concatenate(all_h)))
         distances = np.concatenate(all_distances)
         departures = np.concatenate(all_departures)
-        least_displacement = np.where(distances > 0.0, distances, np.inf).min(axis=0)
+        moves = distances > 0.0
+        least_displacement = np.where(moves, distances, np.inf).min(axis=0)  # inf for a joint that never moves
         least_displacement = np.where(np.isfinite(least_displacement), least_displacement, 0.0)
-        has_encoder_step = (distances > 0.0).sum(axis=0) >= _MIN_ENCODER_STEPS
+        has_encoder_step = moves.sum(axis=0) >= _MIN_ENCODER_STEPS
+        change_departures = np.concatenate(all_change_departures)
         rounding = _NOISE_GRID_STEPS * least_displacement / step
         return _Usual(
             step=step,
@@ -218,31 +230,39 @@ class RecordedSteps:
             least_displacement=least_displacement,
             encoder_step=np.where(has_encoder_step, least_displacement, 0.0),
             large_displacement=np.quantile(distances, 0.99, axis=0),
-            change_departure=np.maximum(_noise_bound(np.concatenate(all_change_departures)), rounding),
+            change_departure=np.maximum(_noise_bound(change_departures), rounding),
         )
 
     def add(self, t: Array, q: Array, inner: slice | None = None) -> None:
-        """Add times (n,) and coordinates (n, nq); rows outside ``inner`` belong to other runs and only surround these."""
+        """Add times (n,) and coordinates (n, nq) of a run.
+
+        ``inner``: rows of the run itself, None for all. The other rows only surround them, and are added with other runs.
+        """
         usual = self._usual
         if usual is None or len(t) < 2:
             return
-        inner = inner or slice(0, len(t))
+        if inner is None:
+            inner = slice(0, len(t))
         own_steps = slice(inner.start, min(inner.stop, len(t) - 1))
         if own_steps.stop <= own_steps.start:
             return
         h = np.diff(t)
         displacement = np.diff(self._curves(q), axis=0)
         distance = np.abs(displacement)
-        duration = np.maximum(h, usual.step)[:, None]  # a stamp that is too early does not make a speed
+        duration = np.maximum(h, usual.step)[:, None]  # a time stamp that is too early does not make a large speed
         distance_beyond_rounding = np.maximum(distance - _NOISE_GRID_STEPS * usual.encoder_step, 0.0)
-        speed = distance_beyond_rounding / duration - _NOISE_DEVIATIONS * usual.speed_noise
-        fastest = Extrema.from_rows(t[own_steps], speed[own_steps], displacement[own_steps] / duration[own_steps])
+        speed_beyond_noise = distance_beyond_rounding / duration - _NOISE_DEVIATIONS * usual.speed_noise
+        signed_speed = displacement[own_steps] / duration[own_steps]
+        fastest = Extrema.from_rows(t[own_steps], speed_beyond_noise[own_steps], signed_speed)
         self.fastest = Extrema.merge([self.fastest, fastest])
+        # The larger distance of the step before and the step after; there is no step beyond either end.
         padded = np.pad(distance, ((1, 1), (0, 0)))
         adjacent_distance = np.maximum(padded[:-2], padded[2:])
         noise = _NOISE_DEVIATIONS * usual.speed_noise * h[:, None]
-        is_lone = (distance > _LONE_STEP * usual.large_displacement) & (distance > _ADJACENT_STEP * adjacent_distance)
-        is_lone &= distance > np.maximum(_NOISE_GRID_STEPS * usual.least_displacement, noise)
+        rounding = _NOISE_GRID_STEPS * usual.least_displacement
+        is_lone = distance > _LONE_STEP * usual.large_displacement
+        is_lone &= distance > _ADJACENT_STEP * adjacent_distance
+        is_lone &= distance > np.maximum(rounding, noise)
         is_lone &= (h < _ADJACENT_STEP * usual.step)[:, None]  # after a pause, a large step is a motion
         lone_distance = np.where(is_lone, distance, 0.0)
         lone = Extrema.from_rows(t[own_steps], lone_distance[own_steps], displacement[own_steps])
@@ -251,12 +271,13 @@ class RecordedSteps:
             self._add_instants(t, displacement, own_steps)
 
     def _add_instants(self, t: Array, displacement: Array, own_steps: slice) -> None:
-        """Add pulses and corners of the speeds of steps with a ``displacement`` (n - 1, k), from the rows at t (n,)."""
+        """Add pulses and corners of the speeds, from the rows' times t (n,) and the steps' displacements (n - 1, k)."""
         assert self._usual is not None
         v = displacement / np.diff(t)[:, None]
         departure = _departures(displacement)
         # A usual displacement with a wrong time stamp makes a pulse of speed, but is not a wrong row.
-        is_jump = np.abs(departure) > _PULSE_DEPARTURE * np.abs(displacement - departure)
+        median_displacement = displacement - departure
+        is_jump = np.abs(departure) > _PULSE_DEPARTURE * np.abs(median_displacement)
         pulses = []
         for first, last, k in _pulses(v, self._usual.speed_departure, _PULSE_DEPARTURE, own_steps):
             if is_jump[first : last + 1, k].any() and _is_abrupt(v[:, k], first, last):
@@ -267,23 +288,26 @@ class RecordedSteps:
             while first > 0 and is_still[first - 1] and not is_still[: first - 1].all():
                 first -= 1
             self.instants.append(Instant(float(t[first]), float(t[last + 1]), int(self.joints[k]), InstantKind.ROWS))
-        # Entry i + 1 is that of step i; the robot counts as standing before the first and after the last step.
+        # Step i has entry i + 1, as the robot counts as standing before the first and after the last step.
         all_stand = np.pad((v == 0.0).all(axis=1), 1, constant_values=True)
         for first, last, k in self._corners(v, own_steps):
-            if any(begin - _MAX_PULSE <= first <= end + _MAX_PULSE for begin, end, _ in pulses):
+            is_near_pulse = any(begin - _MAX_PULSE <= first <= end + _MAX_PULSE for begin, end, _ in pulses)
+            if is_near_pulse:
                 continue
+            # Change i is that from step i to step i + 1; three steps on either side of the corner are asked.
             stand_before = all_stand[max(0, first - 1) : first + 2].all()
             stand_after = all_stand[last + 2 : last + 5].all()
             cause = InstantKind.FREEZE if stand_before or stand_after else InstantKind.IMPACT
             self.instants.append(Instant(float(t[first]), float(t[last + 2]), int(self.joints[k]), cause))
 
     def _corners(self, v: Array, own_steps: slice) -> Iterator[tuple[int, int, int]]:
-        """First row, last row and joint of the pulses of changes of the speeds v (n, k)."""
+        """First and last entry of ``np.diff(v)``, and column of v (n, k), of each pulse of changes of speed."""
         assert self._usual is not None
         changes = np.diff(v, axis=0)
         usual_departure = self._usual.change_departure
-        joints_with_large_changes = np.flatnonzero(np.abs(changes).max(axis=0) > usual_departure)
-        for k in joints_with_large_changes.tolist():  # each joint by itself, as an impact may last longer in others
+        largest_changes = np.abs(changes).max(axis=0)
+        columns_with_large_changes = np.flatnonzero(largest_changes > usual_departure)
+        for k in columns_with_large_changes.tolist():  # each joint by itself, as an impact may last longer in others
             column = slice(k, k + 1)
             pulses = _pulses(changes[:, column], usual_departure[column], _CORNER_DEPARTURE, own_steps, split=True)
             for first, last, _ in pulses:
@@ -295,15 +319,19 @@ class RecordedSteps:
         Plans have none. A log has none if one of the ``others`` refuses it: that doubt, about units or turns, explains the
         steps.
         """
-        if origin is Origin.PLAN or self._usual is None or any(other.refuses for other in others):
+        if origin is Origin.PLAN or self._usual is None:
+            return []
+        if any(other.refuses for other in others):
             return []
         velocity_limit = np.full(len(self.joints), np.inf)
         if limits is not None:
             velocity_limit = credible_velocities(limits)[self.joints]
         has_limit = np.isfinite(velocity_limit)
-        share = np.where(has_limit, self.fastest.value / np.where(has_limit, velocity_limit, 1.0), 0.0)
+        divisor = np.where(has_limit, velocity_limit, 1.0)
+        share = np.where(has_limit, self.fastest.value / divisor, 0.0)
         if share.max(initial=0.0) > TOO_FAST:
             return [self._speed_doubt(int(share.argmax()), share, velocity_limit, origin)]
+        # a joint with a limit is judged by its speed alone
         lone_distance = np.where(~has_limit, self.lone.value, 0.0)
         if lone_distance.max(initial=0.0) > 0.0:
             return [self._lone_step_doubt(int(lone_distance.argmax()), lone_distance, origin)]
@@ -337,7 +365,7 @@ class RecordedSteps:
 
 
 def _noise_bound(departures: Array) -> Array:
-    """Magnitude (k,) of departures (n, k) above which noise and the motion itself do not explain them."""
+    """Size (k,) of a departure above which neither noise nor the motion explains it, from departures (n, k)."""
     by_median = _NOISE_DEVIATIONS * MAD * np.median(departures, axis=0)
     by_quantile = _NOISE_QUANTILES * np.quantile(departures, 0.95, axis=0)
     return np.asarray(np.maximum(by_median, by_quantile))
@@ -361,19 +389,25 @@ def _pulses(
     for run in np.split(large_rows, ends_of_runs + 1):
         if not run.size:  # no row is large
             continue
-        first, last = int(run[0]), int(run[-1])
-        if not own_rows.start <= first < own_rows.stop or last - first >= _MAX_PULSE:
+        first = int(run[0])
+        last = int(run[-1])
+        is_own = own_rows.start <= first < own_rows.stop
+        is_long = last - first >= _MAX_PULSE
+        if not is_own or is_long:
             continue
         relative_size = size[first : last + 1] / np.maximum(min_departure, _MIN_DIVISOR)
-        k = int(np.argmax(relative_size.max(axis=0)))  # the column that departs most
+        largest_of_columns = relative_size.max(axis=0)
+        k = int(np.argmax(largest_of_columns))
+        # a row beside it has a part of the pulse if it departs with the same sign
         if split and first > 0 and departure[first - 1, k] * departure[first, k] > 0.0:
             first -= 1
         if split and last + 1 < len(size) and departure[last + 1, k] * departure[last, k] > 0.0:
             last += 1
-        before = size[max(0, first - _QUIET_STEPS) : first, k]
-        after = size[last + 1 : last + 1 + _QUIET_STEPS, k]
-        largest_beside = np.concatenate([before, after]).max(initial=0.0)
-        if largest_beside <= _MAX_QUIET_DEPARTURE * size[first : last + 1, k].max():
+        sizes_before = size[max(0, first - _QUIET_STEPS) : first, k]
+        sizes_after = size[last + 1 : last + 1 + _QUIET_STEPS, k]
+        largest_beside = np.concatenate([sizes_before, sizes_after]).max(initial=0.0)
+        size_of_pulse = size[first : last + 1, k].max()
+        if largest_beside <= _MAX_QUIET_DEPARTURE * size_of_pulse:
             yield first, last, k
 
 
@@ -384,7 +418,8 @@ def _is_abrupt(v: Array, first: int, last: int) -> bool:
     changes_before = changes[max(0, first_change - _QUIET_STEPS) : first_change]
     changes_after = changes[last + 1 : last + 1 + _QUIET_STEPS]
     largest_beside = np.concatenate([changes_before, changes_after]).max(initial=0.0)
-    return bool(changes[first_change : last + 1].max(initial=0.0) > largest_beside)
+    largest_of_pulse = changes[first_change : last + 1].max(initial=0.0)
+    return bool(largest_of_pulse > largest_beside)
 
 
 _MIN_DIVISOR = 1e-300
@@ -394,21 +429,24 @@ _MIN_DIVISOR = 1e-300
 def _departures(v: Array) -> Array:
     """Departures of speeds (n, k) from their running medians.
 
-    Beyond either end, v is continued along the line through its second and sixth value from there. A wrong first or
-    last row does not change this line, so that it departs too.
+    Before the first row, v is continued along the line through its second and sixth row, and likewise after the last.
+    A wrong first or last row does not change this line, so that this row departs too.
     """
-    half = _MEDIAN_STEPS // 2
-    steps_from_second = np.arange(2, half + 2)[:, None]
+    half_window = _MEDIAN_STEPS // 2
+    steps_from_second = np.arange(2, half_window + 2)[:, None]
 
     def extrapolate(w: Array) -> Array:
         """Continue w before its first row, nearest row first."""
-        return w[1] + (w[1] - w[1 + half]) / half * steps_from_second
+        slope = (w[1] - w[1 + half_window]) / half_window
+        return w[1] + slope * steps_from_second
 
-    before, after = extrapolate(v), extrapolate(v[::-1])
-    continued = np.concatenate([before[::-1], v, after])
+    rows_before = extrapolate(v)[::-1]
+    rows_after = extrapolate(v[::-1])
+    continued = np.concatenate([rows_before, v, rows_after])
     # scipy.ndimage has a running median too, and takes 0.1 s to import.
     windows = np.lib.stride_tricks.sliding_window_view(continued, _MEDIAN_STEPS, axis=0)
-    medians = np.partition(windows, half, axis=-1)[..., half]
+    sorted_about_middle = np.partition(windows, half_window, axis=-1)
+    medians = sorted_about_middle[..., half_window]
     return np.asarray(v - medians)
 
 
@@ -432,24 +470,29 @@ class DoubtfulSpans:
         return is_within
 
     def _spans_any(self, instant: Instant, times: Sequence[float]) -> bool:
+        """True if one of the times is within the span of the instant."""
         return any(instant.begin - self.reach <= t <= instant.end + self.reach for t in times)
 
     def doubt_at(self, times: Sequence[float]) -> Doubt:
-        """Doubt about the instants whose spans contain one of the times, or about all if there is none.
+        """Doubt about the instants whose spans contain one of the times; about all instants if no span does.
 
         It is about instants of one kind: impacts only if there are no others.
         """
-        nearby = [instant for instant in self.instants if self._spans_any(instant, times)]
-        instants = nearby or list(self.instants)
+        instants = [instant for instant in self.instants if self._spans_any(instant, times)]
+        if not instants:
+            instants = list(self.instants)
         order_of_kinds = list(InstantKind)
         cause = min((instant.cause for instant in instants), key=order_of_kinds.index)
         time_texts = [f"{seconds(instant.begin, 4)} s" for instant in instants if instant.cause is cause]
         different_times = dict.fromkeys(time_texts)
         when = listed(different_times, _MAX_LISTED_TIMES)
-        return doubt("impact" if cause is InstantKind.IMPACT else "doubtful-rows", when=when)
+        if cause is InstantKind.IMPACT:
+            return doubt("impact", when=when)
+        return doubt("doubtful-rows", when=when)
 
 
 _MAX_LISTED_TIMES = 3
+"""Number of times that a message names."""
 
 
 def doubtful_spans(instants: Iterable[Instant], step: float, origin: Origin, rows: int = SURROUNDINGS) -> DoubtfulSpans:
@@ -471,21 +514,24 @@ _DOUBTFUL_CAUSES: dict[Origin, tuple[InstantKind, ...]] = {
 
 
 def impossible_torque(robot: Robot, torques: Extrema, origin: Origin, corners: DoubtfulSpans) -> Doubt | None:
-    """Doubt about a motion with ``torques`` (nv,), without payloads and wrenches, that no drive of the robot reaches.
+    """Doubt about a motion with a torque that no drive of the robot reaches; None if there is none.
 
-    At one of the ``corners`` the torque may be that of an impact, which is not a drive's.
+    ``torques``: (nv,), without payloads and wrenches. At one of the ``corners`` an impact may make the torque, and no drive.
     """
+    # a quick test first: credible limits are never below the robot's
     if origin is Origin.PLAN or not (torques.value > _IMPOSSIBLE_TORQUE * robot.limits.effort).any():
         return None
     model = robot.model
     torque_limit = credible_efforts(robot)
     has_limit = torque_limit < np.inf
-    share = np.where(has_limit, torques.value / np.where(has_limit, torque_limit, 1.0), 0.0)
+    divisor = np.where(has_limit, torque_limit, 1.0)
+    share = np.where(has_limit, torques.value / divisor, 0.0)
     k = int(share.argmax())
     if not share[k] > _IMPOSSIBLE_TORQUE:
         return None
     time = float(torques.time[k])
-    if corners.within(np.array(time)):
+    is_at_corner = corners.within(np.array(time))
+    if is_at_corner:
         return corners.doubt_at([time])
     words: dict[str, Any] = {
         "joint": model.drive_labels[k],

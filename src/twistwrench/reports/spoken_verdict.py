@@ -84,10 +84,12 @@ def verdict_view(report: TorqueReport, verdict: Verdict | None = None) -> Headli
     further_lines = []
     margin = _payload_margin(report)
     if margin is not None:
-        further_lines.append(Line(margin.words_alone if _has_other_limits(report) else margin.words))
+        margin_words = margin.words_alone if _has_other_limits(report) else margin.words
+        further_lines.append(Line(margin_words))
     # The sentence of the verdict OK includes the support of the robot. Under another verdict it is a further sentence.
     if supports.support is not None and not verdict.ok and support_verdict(supports.support).ok:
-        further_lines.append(Line(f"{_capitalised(standing_words(supports.support))}."))
+        support_words = _capitalised(standing_words(supports.support))
+        further_lines.append(Line(f"{support_words}."))
     if supports.grip is not None and supports.grip.verdict.ok:
         further_lines.append(Line(supports.grip.line))
     if supports.mounting is not None:

@@ -73,7 +73,7 @@ def input_name(label: str) -> str:
 
 
 def to_numbers(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Inputs of a quantity as NumPy or Dask arrays, with the columns of tables in the robot's order."""
+    """Inputs of a quantity as NumPy or Dask arrays; columns of tables are put into the robot's order."""
     from .quantities import QUANTITIES
 
     input_names = QUANTITIES[name].inputs
@@ -93,7 +93,7 @@ def to_numbers(model: Model, name: str, arrays: Sequence[Any], options: Mapping[
 
 
 def states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
-    """States as arrays of float64 or float32, columns of tables in the robot's order; Dask arrays are unchanged."""
+    """States as arrays of float64 or float32. Columns of tables are put into the robot's order; Dask arrays stay."""
     return numbers(name, {label: names_of(model, label) for label in arrays}, **arrays)
 
 
@@ -113,7 +113,10 @@ def finite_states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
 
 
 def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:
-    """Arrays of float64; float32 stays float32, columns of tables are ordered by ``names``, Dask arrays are unchanged."""
+    """Arrays of float64; arrays of float32 and Dask arrays stay what they are.
+
+    ``names``: by argument, the columns to take from a table.
+    """
     reals = []
     for label, value in arrays.items():
         array = arguments.to_numbers(value, f"{name}: {label}", names.get(label, ()))
@@ -213,7 +216,7 @@ def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
     if isinstance(F, Wrench):
         F = values_at(F, frame)
     components = arguments.to_numbers(F, f"the wrench at {frame!r}")
-    label = f"the one at {frame!r}"
+    label = f"the one at {frame!r}"  # in a message: "wrench: the one at 'tip' is not …"
     (array,) = numbers("wrench", {}, **{label: components})
     if array.shape[-1:] != (6,):
         raise ShapeError(f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first.")

@@ -23,12 +23,20 @@ from .engine import compile_form, ports_text
 from .quantities import Shape
 from .robot import Robot
 
-FORMS = ("jacobian", "along", "weighted", "hessian", "hessian_along")
-"""∂f/∂x; (∂f/∂x) v; ∂(w·f)/∂x; ∂²f/∂x²; ∂²(w·f)/∂x² v."""
+FORMS = (
+    "jacobian",  # ∂f/∂x
+    "along",  # (∂f/∂x) v
+    "weighted",  # ∂(w·f)/∂x
+    "hessian",  # ∂²f/∂x²
+    "hessian_along",  # ∂²(w·f)/∂x² v
+)
 MODES = ("auto", "forward", "reverse")
 LARGEST_RESULT = 500_000
+"""Largest number of results of one kernel; beyond it, tracing takes minutes."""
 LARGEST_WORK = 2_000_000
-"""Largest number of results and of operations of one kernel; beyond it, tracing takes minutes."""
+"""Largest number of operations of one kernel; beyond it, tracing takes minutes."""
+_MAX_QUOTED = 60
+"""Number of characters of a wrong result that a message quotes."""
 
 
 @dataclass(frozen=True)
@@ -36,14 +44,20 @@ class Derivative:
     """Validated request for a derivative."""
 
     by: tuple[str, ...]
+    """Names of the inputs to differentiate by."""
     form: str = "jacobian"
+    """One of ``FORMS``."""
     mode: str = "auto"
+    """One of ``MODES``."""
     values: bool = False
     """True if the function's own results come first."""
 
     @classmethod
     def from_inputs(cls, what: str, inputs: Sequence[str], by: Any, form: Any, mode: Any, values: Any) -> Derivative:
-        """From names of ``inputs``; raises UnknownNameError and KernelError. ``what`` is the function's name."""
+        """From a user's choices; raises UnknownNameError and KernelError.
+
+        ``what`` is the function's name in messages, and ``inputs`` are the names that ``by`` may have.
+        """
         names: tuple[Any, ...] = ()
         if isinstance(by, str):
             names = (by,)
@@ -69,23 +83,26 @@ class Derivative:
         return self.form in ("weighted", "hessian_along")
 
     def inputs(self, charts: Mapping[str, Shape], outputs: Mapping[str, Shape]) -> dict[str, Shape]:
-        """Additional inputs: weights of the results and the direction; ``charts``: shapes of directions by input."""
-        further: dict[str, Shape] = {}
+        """Shapes of additional inputs by name: weights of the results, and the direction.
+
+        ``charts``: shapes of directions by input. ``outputs``: shapes of the function's results by name.
+        """
+        shapes: dict[str, Shape] = {}
         is_single_number = list(outputs.values()) == [()]
         if self.weighs and not is_single_number:  # a single number needs no weight
             for name, shape in outputs.items():
-                further[f"weight on {name}"] = shape
+                shapes[f"weight on {name}"] = shape
         if self.form in ("along", "hessian_along"):
             for name in self.by:
-                further[f"along {name}"] = charts[name]
-        return further
+                shapes[f"along {name}"] = charts[name]
+        return shapes
 
     def outputs(self, names: Sequence[str]) -> list[str]:
-        """Names of the outputs."""
+        """Names of the outputs, from the names of the function's results."""
         if self.form == "jacobian":
-            labels = [f"{out}_by_{name}" for out in names for name in self.by]
+            labels = [f"{result_name}_by_{name}" for result_name in names for name in self.by]
         elif self.form in ("along", "hessian"):
-            labels = [f"{out}_{self.form}" for out in names]
+            labels = [f"{result_name}_{self.form}" for result_name in names]
         else:
             labels = [f"{self.form}_by_{name}" for name in self.by]
         if self.values:
@@ -95,14 +112,18 @@ class Derivative:
     def derive(
         self, what: str, results: Sequence[Any], charts: Mapping[str, Chart], more: Mapping[str, Any]
     ) -> tuple[Array, ...]:
-        """Derivatives of arrays of symbols or numbers, ordered as in :meth:`outputs`; ``more``: values of :meth:`inputs`."""
+        """Derivatives of ``results``, arrays of symbols or numbers, in the order of :meth:`outputs`.
+
+        ``charts``: directions by input. ``more``: values of the inputs that :meth:`inputs` adds, by name.
+        """
         own_charts = [charts[name] for name in self.by]
         input_shapes = [chart.shape for chart in own_charts]
         chart = Chart.concatenate(own_charts)
         direction_count = math.prod(chart.shape)
         results = [np.asarray(result, object) for result in results]
-        symbol_trace = _trace_of([*chart.known, *_entries(results)])
-        result_entries = list(map(symbol_trace.lift, _entries(results)))
+        symbols_or_numbers = _entries(results)
+        symbol_trace = _trace_of([*chart.known, *symbols_or_numbers])
+        result_entries = list(map(symbol_trace.lift, symbols_or_numbers))
         direction = _entries_of("along ", more)
         self._check_size(what, result_entries, chart)
         if self.form == "along":
@@ -113,10 +134,10 @@ class Derivative:
             derivatives = _jacobian_parts(J, results, input_shapes)
         elif self.form == "hessian":
             J = autodiff.jacobian(result_entries, chart.known, direction_count, self.mode)
-            H = _hessian(J, chart)
+            parts = np.split(_hessian(J, chart), _boundaries(results))
             derivatives = []
-            for result, rows in zip(results, np.split(H, _boundaries(results)), strict=True):
-                derivatives.append(rows.reshape((*result.shape, direction_count, direction_count)))
+            for result, part in zip(results, parts, strict=True):
+                derivatives.append(part.reshape((*result.shape, direction_count, direction_count)))
         else:
             weights = _entries_of("weight on ", more)
             if result_entries and not weights:  # a single number needs no weight
@@ -131,9 +152,12 @@ class Derivative:
 
     def _check_size(self, what: str, result_entries: Sequence[Expr], chart: Chart) -> None:
         """Raise KernelError for a Jacobian or Hessian that is too large to trace; the other forms are small."""
+        if self.form not in ("jacobian", "hessian"):
+            return
         n = math.prod(chart.shape)
-        row_count = len(result_entries)
-        number_count = {"jacobian": row_count * n, "hessian": row_count * n * n}.get(self.form, 0)
+        number_count = len(result_entries) * n
+        if self.form == "hessian":
+            number_count *= n
         advice = "Differentiate fewer results, by fewer inputs, or along a direction: form='along' or 'weighted'."
         if number_count > LARGEST_RESULT:
             raise KernelError(
@@ -155,27 +179,31 @@ class Derivative:
 
 @dataclass(frozen=True)
 class Chart:
-    """Directions of one input, of the input's shape, with known derivatives of expressions along them."""
+    """Directions of one input, or of several, with known derivatives of expressions along them."""
 
     shape: Shape
+    """Shape of a derivative along all directions: the input's, or (nv,) for a configuration."""
     known: autodiff.Known
+    """Derivatives by expression, then by the number of the direction; a number that is missing has derivative 0."""
     brackets: Array | None = None
-    """Structure constants c with [a, b] = Σ c_abd d, if directions do not commute."""
+    """Structure constants c with [a, b] = Σ c_abd d; None if the directions commute."""
 
     @classmethod
     def from_input(cls, x: Any, model: Model | None = None) -> Chart:
-        """Each entry of x is a direction; for a robot's q, each velocity is one, along robot.add of ``model``."""
+        """Directions of the input x: its entries, or the velocities along robot.add if x is the q of a robot's ``model``."""
         if model is None:
-            return cls(np.shape(x), {entry: {k: entry.trace.one} for k, entry in enumerate(np.reshape(x, -1))})
+            entries = np.reshape(x, -1)
+            return cls(np.shape(x), {entry: {k: entry.trace.one} for k, entry in enumerate(entries)})
         known: dict[Expr, dict[int, Expr]] = {}
         for part, slopes in moving_parts(model, x):
-            for entry, row in zip(part.reshape(-1), slopes.reshape(part.size, model.nv), strict=True):
+            slopes_of_entries = slopes.reshape(part.size, model.nv)
+            for entry, slopes_of_entry in zip(part.reshape(-1), slopes_of_entries, strict=True):
                 known[entry] = {}
-                for k, number_or_symbol in enumerate(row):
+                for k, number_or_symbol in enumerate(slopes_of_entry):
                     slope = entry.trace.lift(number_or_symbol)
                     if slope is not entry.trace.zero:
                         known[entry][k] = slope
-                if entry.op == "sub":  # negation swaps the operands in the trace
+                if entry.op == "sub":  # the trace stores -(a - b) as b - a, an expression of its own
                     known[-entry] = {k: -slope for k, slope in known[entry].items()}
         constants = brackets(model)
         if not constants.any():
@@ -188,32 +216,37 @@ class Chart:
         direction_count = sum(math.prod(chart.shape) for chart in charts)
         known: dict[Expr, dict[int, Expr]] = {}
         constants = np.zeros((direction_count, direction_count, direction_count))
-        first = 0
+        offset = 0  # number of directions of the charts before
         for chart in charts:
-            last = first + math.prod(chart.shape)
+            count = math.prod(chart.shape)
             for entry, slopes in chart.known.items():
-                known[entry] = {first + k: slope for k, slope in slopes.items()}
+                known[entry] = {offset + k: slope for k, slope in slopes.items()}
             if chart.brackets is not None:
-                constants[first:last, first:last, first:last] = chart.brackets
-            first = last
+                own = slice(offset, offset + count)
+                constants[own, own, own] = chart.brackets
+            offset += count
         if all(chart.brackets is None for chart in charts):
             return cls((direction_count,), known)
         return cls((direction_count,), known, constants)
 
 
 def _jacobian_parts(J: Array, results: Sequence[Array], input_shapes: Sequence[Shape]) -> list[Array]:
-    """J split by result, and by the input that it differentiates by."""
-    column_boundaries = np.cumsum(list(map(math.prod, input_shapes)))[:-1]
-    parts = []
-    for result, rows in zip(results, np.split(J, _boundaries(results)), strict=True):
-        for shape, part in zip(input_shapes, np.split(rows, column_boundaries, axis=1), strict=True):
-            parts.append(part.reshape((*result.shape, *shape)))
-    return parts
+    """Derivatives of each result by each input, the inputs of the first result first."""
+    column_counts = [math.prod(shape) for shape in input_shapes]
+    column_boundaries = list(accumulate(column_counts))[:-1]
+    parts_by_result = np.split(J, _boundaries(results))
+    derivatives = []
+    for result, rows in zip(results, parts_by_result, strict=True):
+        parts_by_input = np.split(rows, column_boundaries, axis=1)
+        for shape, part in zip(input_shapes, parts_by_input, strict=True):
+            derivatives.append(part.reshape((*result.shape, *shape)))
+    return derivatives
 
 
 def _entries_of(kind: str, more: Mapping[str, Any]) -> list[Any]:
-    """Entries of the further inputs whose names begin with ``kind``, one after the other."""
-    return _entries([x for name, x in more.items() if name.startswith(kind)])
+    """Entries of the additional inputs whose names begin with ``kind``, one after the other."""
+    inputs = [x for name, x in more.items() if name.startswith(kind)]
+    return _entries(inputs)
 
 
 def _entries(arrays: Iterable[Any]) -> list[Any]:
@@ -230,7 +263,7 @@ def _trace_of(entries: Iterable[Any]) -> Trace:
 
 
 def _boundaries(arrays: Sequence[Array]) -> list[int]:
-    """Row numbers at which rows of concatenated arrays are split, one row per entry."""
+    """Numbers of the rows at which the second and later arrays begin, if all arrays' entries are rows of one table."""
     return list(accumulate(array.size for array in arrays))[:-1]
 
 
@@ -246,16 +279,19 @@ def _split(entries: Sequence[Any] | Array, shapes: Sequence[Shape]) -> list[Arra
 
 
 def _hessian(J: Array, chart: Chart) -> Array:
-    """Symmetric second derivatives (rows, n, n) from first derivatives (rows, n)."""
-    rows, n = J.shape
-    H = np.full((rows, n, n), 0.0, object)
-    for b, unit in enumerate(np.eye(n).tolist()):
-        slopes = _object_array((rows, b + 1), _along(J[:, : b + 1], chart, unit))
+    """Symmetric second derivatives (m, n, n) of m results, from first derivatives (m, n)."""
+    m, n = J.shape
+    H = np.full((m, n, n), 0.0, object)
+    for b, direction in enumerate(np.eye(n).tolist()):
+        # the upper triangle is enough, as the result is symmetric
+        rates = _along(J[:, : b + 1], chart, direction)
+        slopes = _object_array((m, b + 1), rates)
         for a in range(b + 1):
             half_bracket: Any = 0.0
             if chart.brackets is not None:
                 half_bracket = 0.5 * (J @ chart.brackets[a, b].astype(object))
-            H[:, a, b] = H[:, b, a] = slopes[:, a] + half_bracket
+            H[:, a, b] = slopes[:, a] + half_bracket
+            H[:, b, a] = H[:, a, b]
     return H
 
 
@@ -365,6 +401,7 @@ def differentiate(
     derivative = Derivative.from_inputs(what, tuple(shapes), by, form, mode, values)
 
     def run_on_symbols(*arrays: Any) -> list[Any]:
+        """Results of the function, as arrays; raises KernelError if it cannot be traced."""
         try:
             return _results(what, function(*map(_floats_if_empty, arrays)))
         except TwistWrenchError:
@@ -373,21 +410,22 @@ def differentiate(
             raise KernelError(f"{what}: it cannot be traced: {str(problem).rstrip('.')}. {_ADVICE}") from problem
 
     symbol_trace = Trace()
+    # A first run, for the shapes of the results.
     symbols = [_scalar_if_no_axes(symbol_trace.inputs(0, shape)) for shape in shapes.values()]
-    result_shapes = list(map(np.shape, run_on_symbols(*symbols)))
+    result_shapes = [result.shape for result in run_on_symbols(*symbols)]
     symbol_trace.forget()
     result_names = ["result"]
     if len(result_shapes) != 1:
         result_names = [f"result{k}" for k in range(1, len(result_shapes) + 1)]
-    directions = dict(shapes)
-    for label, model in models.items():
-        directions[label] = (model.nv,)
-    further_inputs = derivative.inputs(directions, dict(zip(result_names, result_shapes, strict=True)))
+    direction_shapes = {**shapes, **{label: (model.nv,) for label, model in models.items()}}
+    shapes_of_results = dict(zip(result_names, result_shapes, strict=True))
+    further_inputs = derivative.inputs(direction_shapes, shapes_of_results)
     for label in further_inputs:
         if label in shapes:
             raise ShapeError(f"{what}: an argument is named {label!r}, as a further input of the kernel is. Rename it.")
 
     def derivatives(*arrays: Any) -> tuple[Any, ...]:
+        """Derivatives from the arguments of the function, followed by the further inputs."""
         own_arrays = arrays[: len(shapes)]
         further_arrays = arrays[len(shapes) :]
         inputs = dict(zip(shapes, own_arrays, strict=True))
@@ -459,10 +497,10 @@ def _results(what: str, returned: Any) -> list[Any]:
             array = np.asarray(result, object)
             for entry in array.reshape(-1):
                 if not isinstance(entry, Expr):
-                    float(entry)
+                    float(entry)  # only for its error
         except (TypeError, ValueError):
             raise ShapeError(
-                f"{what}: it returned {str(result)[:60]!r}. Return an array of numbers, or a tuple of such arrays."
+                f"{what}: it returned {str(result)[:_MAX_QUOTED]!r}. Return an array of numbers, or a tuple of such arrays."
             ) from None
         arrays.append(array)
     if not arrays:

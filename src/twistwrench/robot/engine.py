@@ -34,6 +34,7 @@ instructions."""
 
 
 def _model_of(source: Model | CachedModel) -> Model:
+    """Model itself, or the model of a cached robot, read from its file at first use."""
     if isinstance(source, CachedModel):
         return source.model
     return source
@@ -45,9 +46,13 @@ def execution_form(model: Model, names: Sequence[str], options: Options) -> Form
     from .kernels.options import options_by_quantity
     from .programs import program_of_several
 
-    requested = options_by_quantity(model, names, options)
-    loops: Form | None = products_of(model, requested) or columns_of(model, requested)
-    return loops or program_of_several(model, requested)
+    options_of_names = options_by_quantity(model, names, options)
+    form: Form | None = products_of(model, options_of_names)
+    if form is None:
+        form = columns_of(model, options_of_names)
+    if form is None:
+        form = program_of_several(model, options_of_names)
+    return form
 
 
 def ports_text(program: Form) -> str:
@@ -66,7 +71,7 @@ def compile_form(form: Form, name: str, doc: str, *, scalar: bool = False) -> An
 
     program = program_of(form)
     # NumPy ufuncs do not support axes without elements, which occur if every joint is locked. Compiled loops copy
-    # samples of at most three axes; second derivatives of matrices have four.
+    # samples of at most three axes, but second derivatives of matrices have four.
     ports = [*program.inputs, *program.outputs]
     has_unsupported_shape = any(port.size == 0 or len(port.shape) > 3 for port in ports)
     is_too_long = len(program.instructions) > LARGEST_COMPILED
@@ -82,19 +87,21 @@ def compile_form(form: Form, name: str, doc: str, *, scalar: bool = False) -> An
 # A robot has one engine, ``robot.engine``: the only part of a robot that other modules use directly.
 
 _MIN_NULL_COMPONENT = 0.1
-"""Smallest component of a null direction of the mass matrix at which a joint is named."""
+"""Component of a joint in a null direction of the mass matrix above which the joint is named."""
+_MAX_NULL_EIGENVALUE = 1e-13
+"""Eigenvalue of the scaled mass matrix, for each velocity, up to which it is a rounding error of zero."""
 
 DirectCallOffer = Callable[[str, Any, "CallSignature", int], bool]
 """Callback for repeated calls: (name, kernel, call signature, number of calls) → True to stop counting."""
 
 COUNTING_STOPPED = -1
-"""Stands in place of a number of calls that is not counted any more."""
+"""Value in place of a number of calls that is no longer counted."""
 
 
 class Engine:
     """Programs and kernels of one model, each created once, and calls of them.
 
-    It is pickled as the model; machine code is compiled again after unpickling.
+    An engine is pickled as its model; machine code is compiled again after unpickling.
     """
 
     def __init__(
@@ -109,7 +116,7 @@ class Engine:
         self._called_kernels: dict[Any, Any] = {}
         """Kernels by the name of the quantity, or by (name, values of the options)."""
         self._call_counts: dict[Any, int] = {}
-        """Number of calls with one state, by call signature; :data:`COUNTING_STOPPED` once that is not counted further."""
+        """Number of calls with one state, by call signature; :data:`COUNTING_STOPPED` if no longer counted."""
 
     def __getstate__(self) -> Model:
         return self.model
@@ -131,7 +138,8 @@ class Engine:
 
     def kernel(self, names: Sequence[str], options: Options) -> Any:
         """Compiled function of the named quantities; raises UnknownNameError, KernelError, SingularMassMatrixError."""
-        cache_key, model_source = "", self._model_source
+        cache_key = ""  # of the disk; empty without one
+        model_source = self._model_source
         if isinstance(model_source, CachedModel) and compiles():
             cache_key = kernel_key(model_source.key, names, options)
         if not cache_key:
@@ -153,17 +161,17 @@ class Engine:
         from .kernels.options import options_by_quantity
         from .quantities import QUANTITIES
 
-        requested = options_by_quantity(self.model, names, options)
-        key = tuple((name, *quantity_options.items()) for name, quantity_options in requested.items())
+        options_of_names = options_by_quantity(self.model, names, options)
+        key = tuple((name, *quantity_options.items()) for name, quantity_options in options_of_names.items())
         if key in self._kernels:
             return self._kernels[key]
-        if any(QUANTITIES[name].needs_inverse for name in requested):
+        if any(QUANTITIES[name].needs_inverse for name in options_of_names):
             self.require_invertible()
-        if needs_lapack(self.model, requested):
+        if needs_lapack(self.model, options_of_names):
             kernel: Any = LapackDerivatives(self, options)
         else:
             form = execution_form(self.model, names, options)
-            title = ", ".join(requested)
+            title = ", ".join(options_of_names)
             kernel = compile_form(form, title, f"{title} of {self.model.name}, compiled. {ports_text(form)}")
         self._kernels[key] = kernel
         return kernel
@@ -189,11 +197,12 @@ class Engine:
         root_diagonal = np.sqrt(np.abs(np.diagonal(M)))
         scale = np.where(root_diagonal > 0, root_diagonal, 1.0)
         eigenvalues, eigenvectors = np.linalg.eigh(M / np.outer(scale, scale))
-        is_null = np.abs(eigenvalues) <= 1e-13 * self.model.nv
+        is_null = np.abs(eigenvalues) <= _MAX_NULL_EIGENVALUE * self.model.nv
         if not is_null.any():
             return
-        largest_components = np.abs(eigenvectors[:, is_null]).max(axis=1)
-        massless = dict.fromkeys(compress(joint_of_velocity, largest_components > _MIN_NULL_COMPONENT))
+        largest_components = np.abs(eigenvectors[:, is_null]).max(axis=1)  # of each velocity
+        massless_joints = compress(joint_of_velocity, largest_components > _MIN_NULL_COMPONENT)
+        massless = dict.fromkeys(massless_joints)  # each once
         raise SingularMassMatrixError(
             f"the mass matrix of robot {self.model.name!r} has no inverse: joints {', '.join(massless)} move nothing with "
             "inertia of its own. Lock them (robot.lock), give their links mass, or use inverse dynamics, which needs no "
@@ -213,7 +222,8 @@ class Engine:
         quantity = QUANTITIES[name]
         inputs = list(map(np.asarray, to_numbers(self.model, name, arrays, options)))
         if not is_traced:
-            inputs = numbers(f"reference {name}", {}, **{f"input {k}": a for k, a in enumerate(inputs, start=1)})
+            input_by_label = {f"input {k}": array for k, array in enumerate(inputs, start=1)}
+            inputs = numbers(f"reference {name}", {}, **input_by_label)
         ports = inputs_of(self.model, name, all_options)
         if len(inputs) != len(ports):
             input_names = ", ".join(input_name(label) for label, _ in ports)
@@ -222,8 +232,9 @@ class Engine:
             if array.shape != shape:
                 raise ShapeError(f"reference {name}: {label} has shape {array.shape}, one state has {shape}.")
         try:
+            object_inputs = [array.astype(object) for array in inputs]
             with np.errstate(divide="raise"):
-                result = evaluate_quantity(quantity, self.model, [a.astype(object) for a in inputs], all_options)
+                result = evaluate_quantity(quantity, self.model, object_inputs, all_options)
             if is_traced:
                 return result
         except (ZeroDivisionError, FloatingPointError):
@@ -235,10 +246,7 @@ class Engine:
         return np.asarray(result, float)
 
     def call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
-        """Quantity for arrays of any batch shape, by its kernel.
-
-        Symbols are evaluated by the algorithm. Dask arrays are evaluated later.
-        """
+        """Quantity for arrays of any batch shape, by its kernel; for symbols by the algorithm, for Dask arrays later."""
         for array in arrays:
             if type(array) is not np.ndarray:
                 arrays = arguments.of_plain(arrays) or to_numbers(self.model, name, arrays, options)
@@ -255,7 +263,7 @@ class Engine:
                 return self.reference(name, arrays, options)
             kernel = self.kernel((name,), options)
             self._called_kernels[key] = kernel
-        if (arrays[0].ndim < 2 or len(arrays[0]) == 1) and "wrenches" not in options:
+        if (arrays[0].ndim < 2 or len(arrays[0]) == 1) and "wrenches" not in options:  # one state
             self._count_call(name, arrays, options)
         if isinstance(out, tuple):
             refuse_overlap(name, out)
@@ -291,9 +299,11 @@ class Engine:
         return self.call(name, *arrays, *total.values(), out=out, **options, wrenches=tuple(total))
 
     def _count_call(self, name: str, arrays: Sequence[Array], options: Options) -> None:
-        """Count a call with one state; from the second on, offer such calls to a builtin that replaces the method."""
-        first = arrays[0]
-        array_kind = batch_shape, type_char = first.shape[:-1], first.dtype.char
+        """Count a call with one state; from the second call on, offer such calls to a builtin that replaces the method."""
+        first_array = arrays[0]
+        batch_shape = first_array.shape[:-1]
+        type_char = first_array.dtype.char
+        array_kind = (batch_shape, type_char)
         key = (name, *options.values()), array_kind
         earlier_calls = self._call_counts.get(key, 0)
         if earlier_calls == COUNTING_STOPPED or self._offer_reference is None:
@@ -303,7 +313,7 @@ class Engine:
         offer = self._offer_reference()
         if offer is None or any((a.shape[:-1], a.dtype.char) != array_kind for a in arrays):
             return
-        if not earlier_calls:  # a single call is not worth the setup
+        if earlier_calls == 0:  # a single call is not worth the setup
             self._call_counts[key] = 1
             return
         from ..compiler.runtime.dispatch import CallSignature
@@ -334,7 +344,8 @@ def _call_engine(engine: Engine, name: str, options: Options, *arrays: Array) ->
 
 def _empty_results(kernel: Any, arrays: Sequence[Array]) -> Any:
     """Empty results with the type and rank that follow from the types and ranks of the inputs."""
-    batch_shape = (0,) * (max(a.ndim for a in arrays) - 1)
+    max_rank = max(array.ndim for array in arrays)
+    batch_shape = (0,) * (max_rank - 1)
     dtype: Any = np.float64
     if all(np.can_cast(a.dtype, np.float32) for a in arrays):
         dtype = np.float32
@@ -356,7 +367,8 @@ class ConstrainedEngine(Engine):
 
     def __init__(self, tree: Engine, constraints: tuple[Any, ...]) -> None:
         super().__init__(tree._model_source)
-        self._tree, self._constraints = tree, constraints
+        self._tree = tree
+        self._constraints = constraints
 
     def __getstate__(self) -> Any:
         return self._tree, self._constraints

@@ -28,7 +28,7 @@ class CallbackSteps(CompiledSteps):
         super().__init__(system, plan, order, h, kernel, cost)
         if self.stages > 1:
             tableau = TABLEAUS[plan.method]
-            self.shares = list(map(float, tableau.c))  # of the step, at which each stage is
+            self.shares = list(map(float, tableau.c))  # fraction of the step at which each stage is evaluated
             self.table = np.array(stages(tableau))
         if system.tau is not None:
             self.laws.append(("tau", system.tau))
@@ -65,7 +65,7 @@ class CallbackSteps(CompiledSteps):
         return stage_state, start_ddq
 
     def _inputs_at(self, t: Any, y: Array) -> list[Array]:
-        """Inputs of a stage but the length h, with callbacks evaluated at the states y (..., size)."""
+        """Inputs of a stage, without its length h; callbacks are evaluated at the states y (..., size)."""
         s = self.system
         inputs = {"tau": s.held, **self.constants}
         for name, law in self.laws:
@@ -96,7 +96,8 @@ class CallbackRows:
 
     def __init__(self, steps: CompiledSteps, m: int) -> None:
         s = steps.system
-        self.calls_per_step = n = len(steps.shares)
+        self.calls_per_step = len(steps.shares)
+        n = self.calls_per_step
         calls = np.arange(m * n)  # index of each call
         step_of_call = calls // n
         first_row = np.zeros(m * n, int)  # for arrays with one row, which all calls use
@@ -133,15 +134,18 @@ class CallbackRows:
         if s.contacts:
             reports.append((self.gaps, calls))
         operands = [*state_inputs, (self._h, first_row), *named_inputs, *state_outputs, *reports]
+        # positions among the operands
         first_named = len(state_inputs) + 1
         torque_operand = first_named + steps.names.index("tau")
         peak_operand = first_named + len(named_inputs) + len(steps.cuts)
         self.call = bind_calls(steps.kernel, operands, torque_operand, peak_operand)
-        """Makes the call of an index, with torques if given, and returns the peak after it."""
+        """Function of the index of a call, and torques if given: makes the call and returns the peak after it."""
 
         self._law_values = {name: inputs[name][0] for name, _ in steps.laws}
         q, dq, _ = steps.parts(self.states[:-1])
-        self._calls = [*zip(steps.shares * m, calls.tolist(), q, dq, strict=True)]
+        self._calls = list(
+            zip(steps.shares * m, calls.tolist(), q, dq, strict=True)
+        )  # the first four entries of a Stage
         self.sole: ControlLaw | None = None
         """The only callback, if it gives the torques of every call."""
         self.steps: list[list[Stage]] = []
@@ -192,9 +196,10 @@ class CallbackRows:
             for k, row in enumerate(self.held):
                 evaluations[k * n].append((controller, row, constant))  # before the first call of step k
         for name, law in laws:
-            added = controller is not None and name == "tau"
+            adds_to_controller = controller is not None and name == "tau"
             for k, row in enumerate(self._law_values[name]):
-                evaluations[k].append((law, row, self.held[k // n] if added else None))
+                addend = self.held[k // n] if adds_to_controller else None
+                evaluations[k].append((law, row, addend))
         self.steps = self._steps(evaluations)
 
     def _steps(self, evaluations: list[list[Evaluation]]) -> list[list[Stage]]:

@@ -50,10 +50,12 @@ class Manifold:
 
     @cached_property
     def _rates(self) -> Any:
+        """Kernel from q and dq to the rates of q."""
         return self.robot.kernel("coordinate_rates")
 
     @cached_property
     def _add(self) -> Any:
+        """Kernel from q and dv to q ⊕ dv."""
         return self.robot.kernel("add")
 
     def rates(self, q: Array, dq: Array, out: Array) -> None:
@@ -82,11 +84,14 @@ class Manifold:
 
     @cached_property
     def groups(self) -> tuple[tuple[slice, Array, Array], ...]:
-        """For each joint whose directions do not commute: (velocities, mask of angular ones, c (n, n²) with ad(V) = V c)."""
+        """One tuple for each joint of n velocities whose directions do not commute.
+
+        It has the entries of the velocities in dq, the mask of angular velocities, and c (n, n²) with ad(V) = V c.
+        """
         constants = brackets(self.model)
         groups = []
         for body in self.model.leaders:
-            velocities = body.places[1]
+            _, velocities = body.places
             c = constants[velocities, velocities, velocities]
             if c.any():
                 is_angular = np.array(body.joint.turning, bool)
@@ -109,7 +114,7 @@ class ControlLaw:
     shape: tuple[int, ...]
     """Shape of its values; () for one number."""
     meaning: str = ""
-    """Clause about the shape in messages, after it."""
+    """Clause that follows the shape in messages."""
     varies: bool = True
     """True for a function of the caller, False for a constant."""
 
@@ -131,6 +136,7 @@ class ControlLaw:
         return float(self.require_finite(t, value))
 
     def _evaluate(self, t: float, q: Array, dq: Array) -> Any:
+        """Value of the function as it is; raises SimulationError if the function fails."""
         try:
             return self.function(t, q.copy(), dq.copy())  # copies: the function may store or change them
         except Exception as problem:
@@ -265,6 +271,7 @@ class EasedFriction:
 
     @cached_property
     def _kernel(self) -> Any:
+        """Kernel from dq, tau and the sliding shares to tau minus friction."""
         robot = self.robot
 
         def net_torques(dq: Array, tau: Array, share: Array) -> tuple[Array]:
@@ -315,9 +322,8 @@ class DryFrictionStep:
         """True with velocity gains."""
         self.dry = has_dry_friction(robot.model) & friction
         """Joints with dry friction, (nv,)."""
-        self.gains = np.zeros(robot.nv)
-        if gains is not None:
-            self.gains = gains
+        self.gains = np.zeros(robot.nv) if gains is None else gains
+        """Velocity gains, (nv,); zero without gains."""
         self._robot = robot
 
     @cached_property
@@ -528,7 +534,7 @@ class System:
 
 
 def torque_law(tau: Any, nv: int) -> tuple[Array, ControlLaw | None]:
-    """Constant torques (nv,), zero if ``tau`` is a function, and torque function, None if it is not."""
+    """Constant torques (nv,) and law of ``tau``: zeros with a law for a function, or the torques with None."""
     if tau is None:
         return np.zeros(nv), None
     if callable(tau):
@@ -538,7 +544,7 @@ def torque_law(tau: Any, nv: int) -> tuple[Array, ControlLaw | None]:
 
 
 def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, ControlLaw]:
-    """Law for each frame of ``{frame: (m, f) or a function}``, wrenches by the world on the robot."""
+    """Laws by frame, from ``{frame: (m, f) or a function}``; the wrenches are by the world on the robot."""
     if wrenches is None:
         return {}
     if not isinstance(wrenches, Mapping):

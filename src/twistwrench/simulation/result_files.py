@@ -159,7 +159,8 @@ def _read(path: Path) -> SimulationResult:
             raise TrajectoryError("an archive of NumPy, but not of a simulation.")
         arrays = {name: archive[name] for name in _ARRAY_FIELDS}
         works = {name: archive[f"work_{name}"] for name in WORKS}
-        text_fields = _validated_fields(json.loads(str(archive[_TEXT_ENTRY])))
+        text_content = json.loads(str(archive[_TEXT_ENTRY]))
+        text_fields = _validated_fields(text_content)
         return _checked_result(text_fields, arrays, works)
 
 
@@ -172,10 +173,12 @@ def _read_csv(data: bytes) -> SimulationResult:
             "what twistwrench torques reads."
         )
     comment = lines.readline()
-    fields = _validated_fields(json.loads(comment[1:]))  # without the sign of a comment
+    text_content = json.loads(comment[1:])  # without the sign of a comment
+    fields = _validated_fields(text_content)
     coordinate_names = fields["coordinate_names"]
     velocity_names = fields["velocity_names"]
-    header = [unescape_cell(cell) for cell in next(csv.reader(lines), [])]
+    first_row = next(csv.reader(lines), [])
+    header = [unescape_cell(cell) for cell in first_row]
     factors = _si_factors(header, _column_headings(coordinate_names, velocity_names))
     if factors is None:
         raise TrajectoryError("columns other than those that were written. Write it again, whole.")

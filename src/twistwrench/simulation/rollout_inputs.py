@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def torque_limits_of(robot: Robot, torque_limits: Any) -> list[tuple[str, Array, int]]:
-    """Torque limits as an input of the step, (label, array, length of the last axis); empty without limits."""
+    """Torque limits as a list of one input, (label, array, length of the last axis); empty without limits."""
     if torque_limits is None or torque_limits is False:
         return []
     refuse_couplings(robot.model, "torque_limits")
@@ -149,6 +149,7 @@ class Inputs:
     batch: tuple[int, ...]
     """Shape of the batch."""
     dtype: Any
+    """Type of the arrays and of the results, float32 or float64."""
     steps: int
     """Number of steps."""
     dt: float
@@ -195,10 +196,7 @@ def validate_inputs(
         torque_limits = bool(torque_limits)
     friction = arguments.flag(friction, "friction")
     limits = torque_limits_of(robot, torque_limits)
-    wrenches = {} if wrench_on_robot is None else wrench_on_robot
-    if not isinstance(wrenches, Mapping):
-        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, since a wrench needs its frame.")
-    wrench_by_frame = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
+    wrench_by_frame = _wrenches_by_frame(robot, wrench_on_robot)
     names, values = parameter_values(robot, parameters)
     has_friction = friction and _has_friction(robot, names)
     if has_friction and method == "semi_implicit":
@@ -217,9 +215,7 @@ def validate_inputs(
     parameter_by_name = dict(zip(names, values, strict=True))
     batch = _batch_shape(states, arrays_by_step, parameter_by_name)
     step_inputs = list(arrays_by_step.values())
-    remarks: tuple[str, ...] = ()
-    if friction and not plan.friction:
-        remarks = (NONE_GIVEN,)
+    remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
     if plan.eases:
         creep = creep_of_samples(robot, states[0], h, parameter_by_name)
         step_inputs.append(creep[..., None, :])
@@ -230,8 +226,7 @@ def validate_inputs(
         parameter_rows = np.stack(np.broadcast_arrays(*values), axis=-1)
         step_inputs.append(parameter_rows[..., None, :])
     # The robot's own torque limits are float64 and do not decide the type of the results.
-    own_limits = torque_limits is True
-    typed_inputs = [x for label, x, _ in inputs if label != "torque_limits" or not own_limits]
+    typed_inputs = [x for label, x, _ in inputs if label != "torque_limits" or torque_limits is not True]
     dtype = _common_dtype([*states, *typed_inputs, *values])
     arrays = [_with_batch_axis(x.astype(dtype, copy=False), 1, batch) for x in states]
     arrays.append(np.broadcast_to(np.asarray(h, dtype), n))
@@ -245,6 +240,15 @@ def validate_inputs(
         shapes["tau"] = None
     ranks = [1, 1, 1, *[2] * len(step_inputs)]  # of q0, dq0 and dt, then of the other inputs
     return Inputs(plan, arrays, ranks, batch, dtype, n, h, kept, remarks, shapes)
+
+
+def _wrenches_by_frame(robot: Robot, wrench_on_robot: Any) -> dict[str, Array]:
+    """Wrenches on the robot (..., 6) by frame; none for None. Raises ShapeError without frames."""
+    if wrench_on_robot is None:
+        return {}
+    if not isinstance(wrench_on_robot, Mapping):
+        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, since a wrench needs its frame.")
+    return {frame: wrench_at(robot.model, frame, F) for frame, F in wrench_on_robot.items()}
 
 
 def _has_friction(robot: Robot, parameters: Sequence[str]) -> bool:

@@ -124,8 +124,7 @@ def size_drives(
     >>> tw.size_drives("ur5", "demo", "demo", pause=0.8, add_masses=False)
     <Sizing of ur5: OK, shoulder_pan_joint 83 %>
     """
-    arm = robot
-    bundled_name = ""  # of the robot, if it is bundled
+    arm, bundled_name = robot, ""  # the name of a bundled robot, empty for others
     if isinstance(robot, Robot | str | Path):
         arm, bundled_name = robot_of(robot, None, lock)
     require_robot(arm, "size_drives")
@@ -150,8 +149,7 @@ def size_drives(
     emergency_motion = None
     if emergency is not None:
         emergency_log = _motion_or_log(emergency, arm, log_options)
-        emergency_report = _report(load, emergency_log)
-        emergency_motion = _states(emergency_log, emergency_report, bare_arm).motion
+        emergency_motion = _states(emergency_log, _report(load, emergency_log), bare_arm).motion
     sizing = sizing_of(
         loaded_arm, states, drive_catalog, pause=pause, ambient=ambient, life=life, brake=brake, emergency=emergency_motion,
         friction=friction, add_masses=add_masses, shared_supply=shared_supply,

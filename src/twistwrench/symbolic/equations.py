@@ -366,11 +366,10 @@ def weighted_sum(coefficients: Iterable[Any], factors: Iterable[Any]) -> Any:
 def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     """Fields of :class:`~twistwrench.symbolic.equations.Equations` from K and P."""
     n = len(terms.coordinates)
-    ring = terms.ring
     names, rates, accelerations = variable_names(terms.coordinates)
     motions = [*rates, *accelerations]
-    dq = list(map(ring.symbol, rates))
-    ddq = list(map(ring.symbol, accelerations))
+    dq = list(map(terms.ring.symbol, rates))
+    ddq = list(map(terms.ring.symbol, accelerations))
     L = terms.kinetic - terms.potential
 
     def write_force(total: TrigPolynomial) -> Any:

@@ -176,7 +176,7 @@ class EquationWriter:
         # Each group is a coefficient and its members (ratio, motion); a member stands for ratio · coefficient · motion.
         groups: list[tuple[TrigPolynomial, list[tuple[Any, int]]]] = []
         for motion, coefficient in sorted(total.split(motions).items()):
-            members = ratio = None
+            members, ratio = None, None
             if motion:
                 members, ratio = _proportional_group(groups, coefficient)
             if members is None:
@@ -203,7 +203,8 @@ class EquationWriter:
         sign = 1
         if all(scale * value < 0 for value in coefficient.terms.values()):
             sign = -1
-        motion_sum = sympy.Add(*[sympy_number(ratio / scale) * self._power(motion) for ratio, motion in members])
+        products = [sympy_number(ratio / scale) * self._power(motion) for ratio, motion in members]
+        motion_sum = sympy.Add(*products)
         written_coefficient = write(coefficient * (sign * scale))
         return sympy.Mul(sign, *_flat_factors([written_coefficient, motion_sum]))
 

@@ -230,7 +230,10 @@ def _joint_column(names: Definitions, R: Array, k: int, body: Any, numbers: Body
 
 def _cross(a: Array, b: Array) -> Array:
     """a × b of symbols (3,)."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], object)
+    x = a[1] * b[2] - a[2] * b[1]
+    y = a[2] * b[0] - a[0] * b[2]
+    z = a[0] * b[1] - a[1] * b[0]
+    return np.array([x, y, z], object)
 
 
 def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: Any) -> list[Any]:
@@ -244,10 +247,11 @@ def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: A
     origin_heights: list[Any] = []  # eta of each body
     centre_heights = []  # zeta of each body
     for body, numbers, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
-        if body.parent == BASE:
-            parent_n, parent_eta = minus_gravity, 0
-        else:
-            parent_n, parent_eta = directions[body.parent], origin_heights[body.parent]
+        parent_n = minus_gravity
+        parent_eta = 0
+        if body.parent != BASE:
+            parent_n = directions[body.parent]
+            parent_eta = origin_heights[body.parent]
         n = names.names(f"n_{numbers.tag}_", R.T @ parent_n)
         eta = names.name(f"eta_{numbers.tag}", parent_eta + parent_n @ p)
         zeta = names.name(f"zeta_{numbers.tag}", eta + n @ numbers_of(names, numbers.com))
@@ -315,7 +319,9 @@ def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, P_slop
         gravity_forces.append(names.name(entry_name("g", i), P_slope))
     g = matrix(gravity_forces)
     L = _quadratic_form(M / 2, dq) - P
-    c, tau, momenta, momentum_rates, slopes = [], [], [], [], []
+    c, tau = [], []
+    momenta, momentum_rates = [], []  # ∂L/∂q̇ and its derivative by time
+    slopes = []
     for i in range(n):
         c.append(_quadratic_form(gamma[i], dq))
         tau.append(weighted_sum(M[i], ddq) + c[i] + g[i])

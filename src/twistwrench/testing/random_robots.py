@@ -25,9 +25,15 @@ KINDS = (*JOINT_TYPES, "mimic", "fixed")
 _SCREWS = {kind: joint for kind, joint in JOINT_TYPES.items() if issubclass(joint, ScrewJoint)}
 """Classes of joints with one degree of freedom, by kind."""
 _CHAIN_PROBABILITY = 0.6
-"""Probability that a link is attached to the link before it, not to any earlier one."""
+"""Probability that a link is attached to the link before it; otherwise to any earlier link."""
 _OBLIQUE_PROBABILITY = 0.7
-"""Probability of an axis in any direction, not along a coordinate axis."""
+"""Probability of an axis in any direction; otherwise it is a coordinate axis."""
+_GYRATION_RADIUS = 0.2
+"""Typical radius of gyration of a body [m]."""
+_MIN_SECOND_MOMENT = 1e-3
+"""Term of the second moments for each unit mass [m²], which keeps a body from being flat."""
+_COM_DISTANCE = 0.3
+"""Typical coordinate of a centre of mass [m]."""
 
 
 def random_robot(
@@ -87,7 +93,9 @@ def random_builder(
     builder = ModelBuilder("random")
     builder.add_link("link0", random_inertia(rng))
     leaders: list[str] = []
-    moving_kinds = tuple(kind for kind in kinds if kind not in ("mimic", "fixed")) or ("revolute",)
+    moving_kinds = tuple(kind for kind in kinds if kind not in ("mimic", "fixed"))
+    if not moving_kinds:
+        moving_kinds = ("revolute",)
     for i in range(1, joints + 1):
         possible_kinds = moving_kinds if i == 1 else tuple(kinds)  # the first joint moves
         kind = str(rng.choice(possible_kinds))
@@ -101,23 +109,26 @@ def random_builder(
         builder.add_link(f"link{i}", random_inertia(rng))
         placement = random_pose(rng)
         mimic = None
-        if follows:  # leader, ratio and offset
-            mimic = str(rng.choice(leaders)), float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-1.0, 1.0))
-        builder.add_joint(
-            f"joint{i}", kind, parent, f"link{i}", placement=placement, mimic=mimic, **_joint_options(rng, kind)
-        )
+        if follows:
+            leader = str(rng.choice(leaders))
+            ratio = float(rng.uniform(-2.0, 2.0))
+            offset = float(rng.uniform(-1.0, 1.0))
+            mimic = (leader, ratio, offset)
+        options = _joint_options(rng, kind)
+        builder.add_joint(f"joint{i}", kind, parent, f"link{i}", placement=placement, mimic=mimic, **options)
         if kind in _SCREWS and not follows:
             leaders.append(f"joint{i}")
     return builder
 
 
 def _joint_options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
-    """Axis, limits and losses of a joint. Some axes are coordinate axes, which use other code paths."""
+    """Axis, limits and losses of a joint. Some axes are coordinate axes, since these use other code paths."""
     options: dict[str, Any] = {}
     if rng.random() < _OBLIQUE_PROBABILITY:
         options["axis"] = rng.standard_normal(3)
     else:
-        options["axis"] = np.eye(3)[rng.integers(3)]
+        axis_index = rng.integers(3)
+        options["axis"] = np.eye(3)[axis_index]
     joint_class = _SCREWS.get(kind)
     if joint_class is None:
         return options
@@ -140,10 +151,11 @@ def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInert
     []
     """
     rng = np.random.default_rng(rng)
-    A = 0.2 * rng.standard_normal((3, 3))
+    A = _GYRATION_RADIUS * rng.standard_normal((3, 3))
     mass = rng.uniform(0.2, 5.0)
-    S = mass * (A @ A.T + 1e-3 * np.eye(3))
-    return SpatialInertia.from_com(mass, 0.3 * rng.standard_normal(3), rotational_inertia(S))
+    S = mass * (A @ A.T + _MIN_SECOND_MOMENT * np.eye(3))
+    com = _COM_DISTANCE * rng.standard_normal(3)
+    return SpatialInertia.from_com(mass, com, rotational_inertia(S))
 
 
 def random_pose(rng: np.random.Generator | int | None = None) -> Array:
@@ -162,7 +174,8 @@ def random_pose(rng: np.random.Generator | int | None = None) -> Array:
     w = rng.standard_normal(3)
     axis = w / np.linalg.norm(w)
     R = so3.exp(axis * rng.uniform(0.0, np.pi))
-    return np.asarray(se3.pose(R, rng.uniform(-0.5, 0.5, 3)))
+    p = rng.uniform(-0.5, 0.5, 3)
+    return np.asarray(se3.pose(R, p))
 
 
 class State(NamedTuple):

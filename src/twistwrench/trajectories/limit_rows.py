@@ -86,8 +86,10 @@ class Rows:
 
     def values(self, u: Array, x: Array) -> Array:
         """a u + b x + d √x + c; (..., m), (..., m) → (..., m, k)."""
-        u, x = u[..., None], x[..., None]
-        return self.a * u + self.b * x + self.c + self.d * np.sqrt(np.maximum(x, 0.0))
+        u = u[..., None]  # (..., m, 1)
+        x = x[..., None]
+        root = np.sqrt(np.maximum(x, 0.0))
+        return self.a * u + self.b * x + self.c + self.d * root
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,18 +288,21 @@ class PathRows:
         """
         steep = ~self.flat
         if not steep.any():
-            return np.full(len(x), -np.inf), np.full(len(x), np.inf), np.zeros(len(x)), np.zeros(len(x))
+            unbounded = np.full(len(x), np.inf)
+            no_slope = np.zeros(len(x))
+            return -unbounded, unbounded, no_slope, no_slope
         a, b, c, d = rows.a[:, steep], rows.b[:, steep], rows.c[:, steep], rows.d[:, steep]
         L = self.L[steep]
         root = np.sqrt(np.maximum(x, 1e-300))[:, None]  # not 0, since it divides below
         v = b * x[:, None] + d * root + c
         minus_v_slope = -(b + 0.5 * d / root)
         size = np.where(a == 0, np.nan, np.abs(a))
+        is_free = np.isnan(size)  # such a row does not bound u
         sign = np.sign(a)
         with np.errstate(all="ignore"):
-            largest = np.where(np.isnan(size), np.inf, (L - sign * v) / size)
-            least = np.where(np.isnan(size), -np.inf, (-L - sign * v) / size)
-            slope = np.where(np.isnan(size), 0.0, sign * minus_v_slope / size)
+            largest = np.where(is_free, np.inf, (L - sign * v) / size)
+            least = np.where(is_free, -np.inf, (-L - sign * v) / size)
+            slope = np.where(is_free, 0.0, sign * minus_v_slope / size)
         points = np.arange(len(x))
         i = least.argmax(axis=1)
         j = largest.argmin(axis=1)
@@ -315,7 +320,7 @@ class PathRows:
             return
         i, k = np.unravel_index(int(share.argmax()), share.shape)
         is_impossible = (share >= _MAX_STANDING_SHARE).any(axis=1)
-        first = s[is_impossible][0]
+        first = s[is_impossible.argmax()]  # the first True
         row = self.rows[k]
         model = self.robot.model
         names = model.drive_labels if row.kind == "torque" else model.velocity_names

@@ -22,17 +22,20 @@ from .sliders import MAX_TORQUES, limbs_of, sliders_of
 _TURN_ABOUT_X = np.diag([1.0, -1.0, -1.0, 1.0]).ravel().tolist()
 """Pose (4, 4), row by row, that reverses the z axis of a mark."""
 _MAX_ARROW_SHARE = 0.35
+"""Length of the arrow of the largest force, as a share of the robot's size."""
 _MIN_ARROW_SHARE = 0.08
-"""Lengths of the largest force arrow, and of the smallest, as shares of the robot's size."""
+"""Smallest length of an arrow, as a share of the robot's size."""
 
 
 def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
-    """Names, limits, sliders and marks; the programs that move the robot are separate."""
-    model, coordinates = robot.model, Coordinates.from_model(robot.model)
+    """Names, limits, sliders and marks, without the programs that move the robot; ``start`` (nq,) is the first pose."""
+    model = robot.model
+    coordinates = Coordinates.from_model(model)
     coordinate_rows = zip(coordinates.names, coordinates.endless, strict=True)
-    marks = [
-        {**vars(mark), "pose": mark.pose.ravel().tolist(), "reversed": _TURN_ABOUT_X} for mark in torque_marks(model)
-    ]
+    marks = []
+    for mark in torque_marks(model):
+        pose = mark.pose.ravel().tolist()  # row by row
+        marks.append({**vars(mark), "pose": pose, "reversed": _TURN_ABOUT_X})
     return {
         "name": robot.name,
         "start": np.asarray(start, float).tolist(),
@@ -74,24 +77,26 @@ def _torque_data(robot: Robot, coordinates: Coordinates) -> list[dict[str, Any]]
 
 
 def wrench_data(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> dict[str, Any]:
-    """Wrenches on the robot with their arrows: an arc about the axis of a moment, an arrow along a force."""
+    """Wrenches on the robot with their marks: an arc about the axis of a moment, an arrow along a force."""
     frame_names = list(robot.frame_names)
     wrench_by_frame = {}
     for name, wrench in wrenches.items():
-        wrench_by_frame[name] = arguments.finite(arguments.one(wrench, f"the wrench on {name!r}", 6), "a wrench", 6)
+        one_wrench = arguments.one(wrench, f"the wrench on {name!r}", 6)
+        wrench_by_frame[name] = arguments.finite(one_wrench, "a wrench", 6)
     max_force = max((float(np.linalg.norm(F[3:])) for F in wrench_by_frame.values()), default=0.0)
-    data, marks = [], []
+    wrench_entries = []
+    marks = []
     for name, F in wrench_by_frame.items():
         robot.model.frame(name)  # raises for unknown names
         moment, force = F[:3], F[3:]
-        frame = frame_names.index(name)
-        data.append({"frame": frame, "moment": moment.tolist(), "force": force.tolist()})
+        frame_index = frame_names.index(name)
+        wrench_entries.append({"frame": frame_index, "moment": moment.tolist(), "force": force.tolist()})
         if moment.any():
-            marks.append({"frame": frame, "pose": _arrow_pose(moment), "length": 0.0, "turns": True})
+            marks.append({"frame": frame_index, "pose": _arrow_pose(moment), "length": 0.0, "turns": True})
         if force.any():
             length = max(_MIN_ARROW_SHARE, _MAX_ARROW_SHARE * float(np.linalg.norm(force)) / max_force)
-            marks.append({"frame": frame, "pose": _arrow_pose(force), "length": length, "turns": False})
-    return {"wrenches": data, "wrenchMarks": marks}
+            marks.append({"frame": frame_index, "pose": _arrow_pose(force), "length": length, "turns": False})
+    return {"wrenches": wrench_entries, "wrenchMarks": marks}
 
 
 def _arrow_pose(direction: Array) -> list[float]:

@@ -17,7 +17,7 @@ from ..core import arguments
 from ..core.errors import ValueRangeError
 from ..core.text import Argument, Placeholder, spell
 from ..core.typing import Array
-from ..mechanics.joints.units import unit_of
+from ..mechanics.joints.units import unit_of, units_of
 from ..motion.coordinates import Coordinates
 from .page_programs import PagePrograms, moving_mass, round_above
 
@@ -33,19 +33,23 @@ class SectionPanel:
     """Contents of one page; its readout is the function with the same number in ``player/*readouts.js``."""
 
     number: str
+    """Number of the section in the book, such as 5.2."""
     title: str
+    """Heading of the page."""
     idea: str
+    """Text below the heading, as HTML."""
     formulas: tuple[tuple[str, str], ...]
-    """Formulas for :func:`~twistwrench.viz.section_pages.formula_html`, with equation numbers of the book."""
+    """Formulas for :func:`~twistwrench.viz.section_pages.formula_html`, each with its equation number in the book."""
     inputs: tuple[str, ...]
-    """Sliders in addition to those of the joints: dq, ddq, tau, wrench, dV, motor."""
+    """Groups of sliders besides the joints' positions: dq, ddq, tau, wrench, dV, motor."""
     programs: Callable[[PagePrograms], Asked]
+    """Quantities that the page computes."""
     chooses: str = ""
-    """Selection list: joints or links."""
+    """Content of a selection list: "joint" or "link"; empty for no list."""
     load: str = ""
-    """Sliders of the load at the tip: payload, all (with push and release button), or none."""
+    """Sliders of the load at the tip: "payload", or "all" with buttons to push and release; empty for no sliders."""
     shown: tuple[str, ...] = ("looks", "torques")
-    """Initial switches."""
+    """Switches of the picture that are on at first."""
     at_rest: bool = False
     """True if the initial velocities are zero."""
     presses: bool = False
@@ -73,6 +77,7 @@ _FORMULA_TOKEN = re.compile(
 _UPRIGHT_LETTERS = "𝒱ℱ𝒢𝒫"
 """Letters of twist, wrench, spatial inertia and momentum in articles, upright."""
 _DOT_CLASSES = {"\u0307": "dot", "\u0308": "ddot"}
+"""CSS classes of letters with one dot and with two, by the combining character."""
 
 
 def formula_html(text: str) -> str:
@@ -83,9 +88,10 @@ def formula_html(text: str) -> str:
     """
 
     def token_html(token: re.Match[str]) -> str:
+        """HTML of an index, a power, a function's name or a letter."""
         index_or_power, braced, plain, function_name, letter, dots = token.groups()
         if index_or_power:
-            inside = plain or braced
+            inside = braced if plain is None else plain
             if braced is not None and "_" in braced:  # an index that has an index itself
                 inside = formula_html(braced)
             tag = "sub" if index_or_power == "_" else "sup"
@@ -104,7 +110,22 @@ def formula_html(text: str) -> str:
 
 
 AXES = ("vx", "vy", "vz")
+"""Names of the components of a frame's linear velocity."""
 _SAMPLED_POSES = 16
+"""Number of random configurations at which a rank is determined."""
+_RANK_TOLERANCE = 1e-9
+"""Singular value of a Jacobian up to which it counts as zero."""
+
+
+def _sampled_jacobians(robot: Robot, frame: str | None = None) -> Array:
+    """Jacobians (16, 6, nv) of a frame, or of the tip, at random configurations."""
+    q = robot.random_configuration(0, _SAMPLED_POSES)
+    return np.asarray(robot.jacobian(q, frame, kind="world_aligned"))
+
+
+def _usual_rank(J: Array) -> int:
+    """Rank of Jacobians (n, m, nv) at most configurations: the largest of the samples."""
+    return int(np.linalg.matrix_rank(J, tol=_RANK_TOLERANCE).max())
 
 
 def ik_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
@@ -114,13 +135,13 @@ def ik_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
     >>> ik_rows(tw.robots.planar_2r()), ik_rows(tw.robots.ur5())
     (('vx', 'vz'), ('vx', 'vy', 'vz'))
     """
-    J = np.asarray(robot.jacobian(robot.random_configuration(0, _SAMPLED_POSES), frame, kind="world_aligned"))
-    J_v = J[:, 3:]
-    independent: list[int] = []
+    J_v = _sampled_jacobians(robot, frame)[:, 3:]
+    independent_rows: list[int] = []
     for k in range(3):
-        if np.linalg.matrix_rank(J_v[:, [*independent, k]], tol=1e-9).max() > len(independent):
-            independent.append(k)
-    return tuple(AXES[k] for k in independent)
+        rows_with_k = [*independent_rows, k]
+        if _usual_rank(J_v[:, rows_with_k]) == len(rows_with_k):
+            independent_rows.append(k)
+    return tuple(AXES[k] for k in independent_rows)
 
 
 _INPUT_NAMES = {
@@ -131,35 +152,33 @@ _INPUT_NAMES = {
     "wrench": ("F_b", "wrench that the tip applies, in its frame {b}"),
     "motor": ("G", "gear, rotor and friction of every joint"),
 }
+"""Letter and meaning of each group of sliders."""
 _MOTOR_SLIDERS = (
+    # name, unit, least, most, start
     ("gear ratio G", "", 1.0, 200.0, 100.0),
     ("rotor's inertia I", "kg cm²", 0.0, 5.0, 0.5),
     ("viscous friction b", "N m s/rad", 0.0, 20.0, 2.0),
     ("Coulomb friction μ", "N m", 0.0, 20.0, 3.0),
 )
-"""Name, unit, range and initial value of the sliders of a motor."""
+_MOTOR_KEYS = ("name", "unit", "least", "most", "start")
 _WRENCH_COMPONENTS = ("moment, x", "moment, y", "moment, z", "force, x", "force, y", "force, z")
 
 
 def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str, Any]:
-    """Data of the section for one robot with a given initial configuration."""
+    """Data of the section for one robot; ``start``: its initial configuration (nq,)."""
     model = robot.model
     sliders = _sliders(robot, start, section)
+    inputs = []
+    for key in section.inputs:
+        letter, meaning = _INPUT_NAMES[key]
+        inputs.append({"key": key, "letter": formula_html(letter), "meaning": meaning, "rows": sliders[key]})
     return {
         "number": section.number,
         "title": section.title,
         "idea": section.idea,
         "picture": opening_picture(section.number),
         "formulas": [(formula_html(text), number) for text, number in section.formulas],
-        "inputs": [
-            {
-                "key": key,
-                "letter": formula_html(_INPUT_NAMES[key][0]),
-                "meaning": _INPUT_NAMES[key][1],
-                "rows": sliders[key],
-            }
-            for key in section.inputs
-        ],
+        "inputs": inputs,
         "exercises": exercises(robot, section.number),
         "chooses": section.chooses,
         "load": section.load,
@@ -184,13 +203,14 @@ _USUAL_NEAR_MISSES = ["sign", "double", "half"]
 
 
 def _finite_limits(limits: Array, default: float) -> list[float]:
-    """Limits of joints, with ``default`` for those without one."""
+    """Limits of joints, with ``default`` for joints whose limit is 0 or infinite."""
     has_limit = (limits > 0) & (limits < np.inf)
     return list(np.where(has_limit, limits, default).tolist())
 
 
 @cache
 def _exercise_table() -> Mapping[str, list[dict[str, Any]]]:
+    """Exercises of all sections, by the section's number."""
     import tomllib
 
     return tomllib.loads(Path(__file__).with_name("exercises.toml").read_text(encoding="utf-8"))
@@ -198,60 +218,63 @@ def _exercise_table() -> Mapping[str, list[dict[str, Any]]]:
 
 def exercises(robot: Robot, number: str) -> list[dict[str, Any]]:
     """Exercises of a section: question, unit of the answer for this robot, formula in HTML, and named near-misses."""
-    turns = bool(Coordinates.from_model(robot.model).angular_velocity[0])
-    length = "rad" if turns else "m"
-    units = {"tau": unit_of("tau", turns), "dq": f"{length}/s", "ddq": f"{length}/s²"}
+    is_revolute = bool(Coordinates.from_model(robot.model).angular_velocity[0])  # units are those of joint 1
+    units = {name: unit_of(name, is_revolute) for name in ("tau", "dq", "ddq")}
     return [
         {
-            "question": Template(row["question"]).substitute(units),
-            "unit": Template(row["unit"]).substitute(units),
-            "formula": formula_html(row["formula"]),
-            "near": row.get("near", _USUAL_NEAR_MISSES),
+            "question": Template(exercise["question"]).substitute(units),
+            "unit": Template(exercise["unit"]).substitute(units),
+            "formula": formula_html(exercise["formula"]),
+            "near": exercise.get("near", _USUAL_NEAR_MISSES),
         }
-        for row in _exercise_table()[number]
+        for exercise in _exercise_table()[number]
     ]
 
 
 def _ranks(robot: Robot) -> dict[str, int]:
     """Rank of the tip Jacobian at most configurations: all, angular and linear rows."""
-    J = np.asarray(robot.jacobian(robot.random_configuration(0, _SAMPLED_POSES), kind="world_aligned"))
-    parts = {"all": slice(6), "angular": slice(3), "linear": slice(3, 6)}
-    return {name: int(np.linalg.matrix_rank(J[:, rows], tol=1e-9).max()) for name, rows in parts.items()}
+    J = _sampled_jacobians(robot)
+    return {"all": _usual_rank(J), "angular": _usual_rank(J[:, :3]), "linear": _usual_rank(J[:, 3:])}
 
 
 def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, list[dict[str, Any]]]:
-    """Sliders (name, unit, range and initial value) by input of the section."""
-    coordinates, limits = Coordinates.from_model(robot.model), robot.limits
-    lengths = ["rad" if turns else "m" for turns in coordinates.angular_velocity]
+    """Sliders (name, unit, range and initial value) by group; ``start``: initial configuration (nq,)."""
+    coordinates = Coordinates.from_model(robot.model)
+    weight = moving_mass(robot.model) * float(np.linalg.norm(robot.model.gravity))  # [N]
+    # half the weight, or 10 N if there is no mass or no gravity
+    max_force = round_above(weight / 2) if weight else _DEFAULT_FORCE
+    moving_axes = ik_rows(robot)
     start_torques = np.asarray(robot.holding_torques(start))
-    weight = moving_mass(robot.model) * float(np.linalg.norm(robot.model.gravity))
-    max_force = round_above(weight / 2 or 10.0)
     if section.presses:
-        J_row = np.asarray(robot.jacobian(start, kind="world_aligned"))[3 + AXES.index(ik_rows(robot)[0])]
-        start_torques = start_torques + max_force / 4 * J_row  # with gravity: tau = g + J' F
-    default_torque = round_above(max(2 * float(np.abs(start_torques).max()), 1.0))
-    max_torques = _finite_limits(limits.effort, default_torque)
-    max_rates = _finite_limits(limits.velocity, 3.0)
+        J_v = np.asarray(robot.jacobian(start, kind="world_aligned"))[3:]
+        first_row = J_v[AXES.index(moving_axes[0])]
+        start_torques = start_torques + max_force / 4 * first_row  # with gravity: tau = g + J' F
+    largest_start_torque = float(np.abs(start_torques).max())
+    default_torque = round_above(max(2 * largest_start_torque, 1.0))
+    max_torques = _finite_limits(robot.limits.effort, default_torque)
+    max_rates = _finite_limits(robot.limits.velocity, _DEFAULT_RATE)
 
     def joint_sliders(units: Sequence[str], most: Sequence[float], begin: Sequence[float]) -> list[dict[str, Any]]:
+        """One slider for each joint, from ``-most`` to ``most``, that is at ``begin`` at first."""
         rows = zip(coordinates.velocity_names, units, most, begin, strict=True)
-        return [{"name": name, "unit": unit, "most": high, "start": first} for name, unit, high, first in rows]
+        return [{"name": name, "unit": unit, "most": high, "start": value} for name, unit, high, value in rows]
 
     # Initial velocities alternate in sign and decrease towards the tip.
     start_rates = []
     for k, rate in enumerate(max_rates):
         start_rates.append((not section.at_rest) * round(0.25 * rate * (-1) ** k / (1 + k / 2), 2))
-    n = robot.nv
-    max_wrench = 3 * [round_above(max_force / 5)] + 3 * [max_force]
+    max_accelerations = robot.nv * [10.0]
+    start_accelerations = [1.0, *(robot.nv - 1) * [0.0]]
+    max_moment = round_above(max_force / 5)  # as a force at 0.2 m
+    max_wrench = 3 * [max_moment] + 3 * [max_force]
     start_wrench = [0.0, 0.0, 0.0, max_force / 4, 0.0, -max_force / 2]
-    directions = [f"along {row[1]}" for row in ik_rows(robot)]
-    motor_keys = ("name", "unit", "least", "most", "start")
+    directions = [f"along {axis.removeprefix('v')}" for axis in moving_axes]
     return {
         "dV": [{"name": name, "unit": "m/s²", "most": 10.0, "start": 1.0 - k} for k, name in enumerate(directions)],
-        "dq": joint_sliders([f"{length}/s" for length in lengths], max_rates, start_rates),
-        "ddq": joint_sliders([f"{length}/s²" for length in lengths], n * [10.0], [1.0, *(n - 1) * [0.0]]),
+        "dq": joint_sliders(units_of("dq", coordinates.angular_velocity), max_rates, start_rates),
+        "ddq": joint_sliders(units_of("ddq", coordinates.angular_velocity), max_accelerations, start_accelerations),
         "tau": joint_sliders(coordinates.torque_units, max_torques, start_torques.tolist()),
-        "motor": [dict(zip(motor_keys, row, strict=True)) for row in _MOTOR_SLIDERS],
+        "motor": [dict(zip(_MOTOR_KEYS, row, strict=True)) for row in _MOTOR_SLIDERS],
         "wrench": [
             {"name": name, "unit": unit_of("tau", k < 3), "most": max_wrench[k], "start": start_wrench[k]}
             for k, name in enumerate(_WRENCH_COMPONENTS)
@@ -259,8 +282,14 @@ def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, lis
     }
 
 
+_DEFAULT_FORCE = 10.0
+"""Largest force [N] at the tip of a robot without weight."""
+_DEFAULT_RATE = 3.0
+"""Largest velocity [rad/s or m/s] of a joint without a limit."""
+
+
 Asked = Mapping[str, tuple[str, dict[str, Any]]]
-"""Quantities and their options, by the names used in the page."""
+"""Quantities with their options, by the names that the page uses for them."""
 
 
 def link_motions(programs: PagePrograms) -> Asked:
@@ -288,14 +317,16 @@ def task(programs: PagePrograms) -> dict[str, Any]:
 
 
 def along_wall(programs: PagePrograms) -> Asked:
-    """Dynamics with the tip constrained to a wall across the first base axis along which it can move."""
-    tip, row = programs.tip or "", _moving_rows(programs)[0]
-    wall = {"constraints": programs.robot.constrain(tip, row, kind="world_aligned").constraints}
+    """Dynamics of a robot whose tip stays on a wall, across the first base axis along which the tip can move."""
+    axis_across = _moving_rows(programs)[0]
+    constrained_robot = programs.robot.constrain(programs.tip or "", axis_across, kind="world_aligned")
+    wall = {"constraints": constrained_robot.constraints}
+    loads = {**programs.wrench_options, **programs.load}
     return {
         "wall": ("constraint_jacobian", wall),
         "wall_bias": ("constraint_bias", wall),
-        "constrained": ("constrained_dynamics", {**wall, **programs.wrench_options, **programs.load}),
-        "inverse": ("inverse_dynamics", {**programs.wrench_options, **programs.load}),
+        "constrained": ("constrained_dynamics", {**wall, **loads}),
+        "inverse": ("inverse_dynamics", loads),
     }
 
 
@@ -304,12 +335,14 @@ def with_friction(programs: PagePrograms) -> Asked:
     parameters: list[str] = []
     for body in programs.robot.model.leaders:
         parameters += (f"{body.joint.name}.viscous", f"{body.joint.name}.coulomb")
-    friction = "friction_forces", {"parameters": tuple(parameters)}
-    return {"inverse": ("inverse_dynamics", programs.load), "friction": friction}
+    return {
+        "inverse": ("inverse_dynamics", programs.load),
+        "friction": ("friction_forces", {"parameters": tuple(parameters)}),
+    }
 
 
 def _moving_rows(programs: PagePrograms) -> tuple[str, ...]:
-    """Rows in which the tip can move; raises ValueRangeError if there are none."""
+    """Axes along which the tip can move, such as "vx"; raises ValueRangeError if there are none."""
     rows = ik_rows(programs.robot, programs.tip)
     if not rows or programs.tip is None:
         raise ValueRangeError(
@@ -325,6 +358,7 @@ def section_panel(number: str) -> SectionPanel:
 
 
 _SECTIONS = (
+    # number, title, idea, formulas, inputs, programs
     SectionPanel(
         "3.4",
         "Twists and wrenches at the tip",

@@ -104,7 +104,8 @@ def clear_of_stops(robot: Robot) -> tuple[Array, Array]:
     """
     velocities = [body.v_index for body in single_joints(robot.model)]
     lower, upper = robot.limits.lower[velocities], robot.limits.upper[velocities]
-    clearance = np.where(np.isfinite(upper - lower), STOP_CLEARANCE * (upper - lower), 0.0)
+    joint_range = upper - lower
+    clearance = np.where(np.isfinite(joint_range), STOP_CLEARANCE * joint_range, 0.0)
     low = lower + clearance
     high = upper - clearance
     nearest_to_zero = np.clip(0.0, low, high)

@@ -22,9 +22,11 @@ VARIABLE = "TWISTWRENCH_JIT"
 def switched_on(variable: str, off: str, on: str) -> bool:
     """True if an environment variable is 1, on, empty or missing; False if it is 0 or off.
 
-    Raises ValueRangeError for another value; in its message, ``off`` and ``on`` say what the two values do.
+    Raises ValueRangeError for another value; ``off`` and ``on`` are the effects of both values, for its message.
     """
-    text = os.environ.get(variable, "").strip().lower() or "1"
+    text = os.environ.get(variable, "").strip().lower()
+    if not text:
+        text = "1"
     if text not in ("0", "1", "off", "on"):
         raise ValueRangeError(
             f"{variable}: {os.environ[variable]!r} is not understood. Set 0 or off to {off}; 1, on or nothing to {on}."
@@ -74,8 +76,8 @@ def _has_llvmlite() -> bool:
 def is_main() -> bool:
     """True in the process's main interpreter, False in a subinterpreter.
 
-    In a subinterpreter, ctypes deadlocks when C calls back into Python. If it ends while a daemon thread runs, the process
-    ends.
+    In a subinterpreter, ctypes deadlocks when C calls back into Python. If a subinterpreter ends while a daemon thread runs,
+    the process ends.
     """
     if not runs_machine_code():  # only compiled programs need to know
         return True

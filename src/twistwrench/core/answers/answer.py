@@ -177,7 +177,7 @@ class Answer:
 
         Parameters
         ----------
-        every : bool, also all rows of long tables, and notes on how files were read
+        every : bool, print all rows of long tables, and notes on how files were read, too
         file : text stream, optional; default: standard output
 
         Examples
@@ -193,9 +193,13 @@ class Answer:
         print_blocks(self.blocks(), every=every, file=file)
 
     def __repr__(self) -> str:
-        figure = f", {self.brief}" if self.brief else ""
-        of_robot = f" of {self.robot_name}" if self.robot_name else ""
-        return f"<{type(self).__name__}{of_robot}: {self.verdict.word}{figure}>"
+        text = type(self).__name__
+        if self.robot_name:
+            text += f" of {self.robot_name}"
+        text += f": {self.verdict.word}"
+        if self.brief:
+            text += f", {self.brief}"
+        return f"<{text}>"
 
     def __bool__(self) -> bool:
         raise TypeError(f"a {type(self).__name__} has no truth value. Use .verdict.ok")
@@ -328,7 +332,7 @@ class Answer:
 
     @property
     def tables(self) -> Mapping[str, DataTable]:
-        """Tables with all rows and digits, by title; a table without a title, by the name of its first column."""
+        """Tables with all rows and digits, by title; if a table has no title, by the name of its first column."""
         from .blocks import Table
         from .data import DataTable
 

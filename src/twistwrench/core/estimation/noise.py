@@ -143,7 +143,8 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
     for order in ORDERS:
         residuals = [differences(t, x, order) for t, x in zip(times, parts, strict=True) if len(t) > order]
         if residuals:
-            sigma = np.minimum(sigma, deviation(np.concatenate(residuals), grid_effect))
+            sigma_of_order = deviation(np.concatenate(residuals), grid_effect)
+            sigma = np.minimum(sigma, sigma_of_order)
     is_noise = np.isfinite(sigma) & (sigma > _MAX_ROUND_OFF * size)
     return np.asarray(np.where(is_noise, sigma, 0.0))
 
@@ -309,9 +310,8 @@ def _split_variance(errors: Array, speed: Array, *, rounding: float) -> tuple[fl
         speed_scale = 1.0
     A = np.stack([np.ones(group_count), mean_square_speed / speed_scale], axis=1)
     y = np.maximum(variance - rounding, 0.0)
-    min_scale = (
-        _MIN_VARIANCE_RATIO * float(variance.mean()) + 1e-300
-    )  # a rest without noise must not outweigh the motion
+    # A rest without noise must not outweigh the motion, nor divide by zero.
+    min_scale = _MIN_VARIANCE_RATIO * float(variance.mean()) + 1e-300
     scale = np.maximum(variance, min_scale)
     x = np.zeros(2)
     # The error of a variance is proportional to the variance, and each round has a better estimate of the variance.

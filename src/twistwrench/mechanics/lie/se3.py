@@ -57,7 +57,8 @@ def pose(R: ArrayLike, p: ArrayLike) -> Poses:
     >>> pose(np.eye(3), [1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
-    R, p = arguments.array(R, "se3.pose: R", 3, 3), arguments.array(p, "se3.pose: p", 3)
+    R = arguments.array(R, "se3.pose: R", 3, 3)
+    p = arguments.array(p, "se3.pose: p", 3)
     if R.shape[:-2] != p.shape[:-1]:
         R, p = _broadcast(R, p)
     T = np.empty((*p.shape[:-1], 4, 4), np.result_type(R, p))
@@ -122,7 +123,8 @@ def inverse(T: ArrayLike) -> Poses:
     """
     T = arguments.pose(T, "se3.inverse: T")
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
-    return pose(Rt, -(Rt @ T[..., :3, 3, None])[..., 0])
+    p_column = T[..., :3, 3, None]
+    return pose(Rt, -(Rt @ p_column)[..., 0])
 
 
 def exp(V: ArrayLike) -> Poses:
@@ -143,7 +145,8 @@ def exp(V: ArrayLike) -> Poses:
 def _exp(V: Array) -> Array:
     w, theta = within_reach(V[..., :3])
     v = V[..., 3:]
-    b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
+    b = series.one_minus_cos_over_square(theta)
+    c = series.theta_minus_sin_over_cube(theta)
     wv = so3.cross(w, v)
     T = np.zeros((*V.shape[:-1], 4, 4), V.dtype)
     T[..., :3, :3] = quadratic(w, series.sinc(theta), b)
@@ -170,8 +173,8 @@ def log(T: ArrayLike) -> Twists:
 
 def _log(T: Array) -> Array:
     w = so3.log(T[..., :3, :3])
-    v = (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]
-    return np.concatenate([w, v], axis=-1)
+    v_column = so3.left_jacobian_inverse(w) @ T[..., :3, 3, None]
+    return np.concatenate([w, v_column[..., 0]], axis=-1)
 
 
 def left_jacobian(V: ArrayLike) -> Array:
@@ -193,9 +196,12 @@ def left_jacobian(V: ArrayLike) -> Array:
     V = arguments.real(V, "se3.left_jacobian: V", 6)
     w, theta = within_reach(V[..., :3])
     v = V[..., 3:]
-    b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
-    db, dc = series.one_minus_cos_slope(theta), series.theta_minus_sin_slope(theta)
-    J, Q = quadratic(w, b, c), slope(w, v, b, c, db, dc)
+    b = series.one_minus_cos_over_square(theta)
+    c = series.theta_minus_sin_over_cube(theta)
+    db = series.one_minus_cos_slope(theta)
+    dc = series.theta_minus_sin_slope(theta)
+    J = quadratic(w, b, c)
+    Q = slope(w, v, b, c, db, dc)
     return _block_matrix(J, Q)
 
 
@@ -217,9 +223,12 @@ def left_jacobian_inverse(V: ArrayLike) -> Array:
     V = arguments.real(V, "se3.left_jacobian_inverse: V", 6)
     w, v = V[..., :3], V[..., 3:]
     theta = angle(w)
-    b, c = np.full_like(theta, -0.5), series.cot_term(theta)
-    db, dc = np.zeros_like(theta), series.cot_slope(theta)
-    J, Q = quadratic(w, b, c), slope(w, v, b, c, db, dc)
+    b = np.full_like(theta, -0.5)
+    c = series.cot_term(theta)
+    db = np.zeros_like(theta)
+    dc = series.cot_slope(theta)
+    J = quadratic(w, b, c)
+    Q = slope(w, v, b, c, db, dc)
     return _block_matrix(J, Q)
 
 
@@ -239,7 +248,8 @@ def project(M: ArrayLike, within: float = 0.1) -> Poses:
     >>> bool(abs(project(T.round(3)) - T).max() < 1e-3)
     True
     """
-    M, within = arguments.real(M, "se3.project: M", 4, 4), arguments.number(within, "se3.project: within")
+    M = arguments.real(M, "se3.project: M", 4, 4)
+    within = arguments.number(within, "se3.project: within")
     arguments.last_row(M, "se3.project: M", within)
     return pose(so3.project(M[..., :3, :3], within), M[..., :3, 3])
 
@@ -329,7 +339,8 @@ def rotation_log(R: Array) -> tuple[Array, Any]:
     """w with exp [w] = R and |w| ≤ π, and the squared deviation of R from a rotation. MR section 3.2.3.3, by the quaternion."""
     Q = _quaternion(R)
     Q = short_way(Q[0]) * Q
-    cosine, sine_vector = Q[0], Q[1:]  # of half the angle
+    cosine = Q[0]  # of half the angle
+    sine_vector = Q[1:]  # axis times the sine of half the angle
     w = 2.0 * half_turn(cosine, sine_vector @ sine_vector) * sine_vector
     square_deviation = sum(gap * gap for gap in gaps(R))
     return w, square_deviation
@@ -350,7 +361,7 @@ def slide(w: Array, v: Array, b: Any, c: Any) -> Array:
 
 
 def _quaternion(R: Array) -> Array:
-    """Unit quaternion of R, of either sign. Row k below is 4 q_k q; the row of the largest q_k has the least rounding error.
+    """Unit quaternion (4,) of R, of either sign. Row k is 4 q_k q; the row of the largest q_k has the least rounding error.
 
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
@@ -362,7 +373,8 @@ def _quaternion(R: Array) -> Array:
         (zz, [yx - xy, xz + zx, zy + yz, 1.0 + 2.0 * zz - trace]),
     )
     # q_k is the largest if the trace (k = 0) or the k-th diagonal entry is the largest of the four.
-    largest, Q = trace, np.array([1.0 + trace, zy - yz, xz - zx, yx - xy])
+    largest = trace
+    Q = np.array([1.0 + trace, zy - yz, xz - zx, yx - xy])  # row 0
     for diagonal_entry, row in other_rows:
         is_larger = 0.5 - 0.5 * short_way(largest - diagonal_entry)  # 1 or 0
         largest = largest + is_larger * (diagonal_entry - largest)

@@ -212,7 +212,7 @@ def link_entry(
 
 
 def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
-    """Mimic entry with validated numbers; ``who`` is the joint's name in messages, here and below."""
+    """Mimic entry with validated numbers; ``who`` is the joint in messages, as in the functions below."""
     if mimic is None:
         return None
     leader, multiplier, offset = mimic

@@ -88,7 +88,8 @@ class Holder:
         width = positive(entries.get("width", _DEFAULT_WIDTH), "the width of a grip", "m")
         pad = entries.get("pad", _DEFAULT_PAD)
         if "pad" not in entries or "width" not in entries:
-            length, height = number(_MILLIMETRES * pad[0]), number(_MILLIMETRES * pad[1])
+            length = number(_MILLIMETRES * pad[0])
+            height = number(_MILLIMETRES * pad[1])
             assumed = f"pads of {length} x {height} mm"
         contacts = _fingers(force, friction, np.array(_AXES[axis]), width, pad)
         return cls(kind, force, frame, contacts, assumed)
@@ -182,7 +183,8 @@ class GripSupport:
 
     def _failure(self, is_failure: Array) -> str:
         """Sentence on the failure with the largest needed force; ``is_failure`` is a mask (n,) of instants."""
-        k = int(np.where(is_failure, self.needed, -1.0).argmax())
+        needed_at_failures = np.where(is_failure, self.needed, -1.0)  # below any needed force
+        k = int(needed_at_failures.argmax())
         needed_force = self.needed[k]
         if self.holder.kind == "grip":
             failure = "slips in the grip"
@@ -227,7 +229,8 @@ class GripSupport:
 
     def table(self) -> Table:
         """Table of the forces that the payload needs."""
-        k = int(np.where(np.isfinite(self.needed), self.needed, -1.0).argmax())  # of the largest finite force
+        finite_forces = np.where(np.isfinite(self.needed), self.needed, -1.0)
+        k = int(finite_forces.argmax())
         return Table(
             "Grip",
             words("holder", [self.holder.kind]),
@@ -293,6 +296,7 @@ def _payload_wrenches(G: Array, robot: Any, motion: Motion, frame: str) -> tuple
     free_fall = np.concatenate([np.zeros_like(g), g], axis=1)  # (0, g)
     P = V @ G.T
     w, v = V[:, :3], V[:, 3:]
-    bias = np.concatenate([np.cross(P[:, :3], w) + np.cross(P[:, 3:], v), np.cross(P[:, 3:], w)], axis=1)  # ad(V)' P
+    angular, linear = P[:, :3], P[:, 3:]
+    bias = np.concatenate([np.cross(angular, w) + np.cross(linear, v), np.cross(linear, w)], axis=1)  # ad(V)' P
     weight = free_fall @ G.T
     return weight - A @ G.T + bias, weight

@@ -28,8 +28,10 @@ if TYPE_CHECKING:
     from ..engine import Engine
 
 _ALL_ROWS = tuple(range(len(TWIST)))
+"""Numbers of all rows of a twist."""
 
 Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, Mapping[str, Any]]]
+"""One name, names with their options, or names of which some have options."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,7 @@ class BridgedQuantity:
     name: str
     options: Mapping[str, Any]
     _derivatives: dict[Any, BridgedQuantity] = field(default_factory=dict, init=False, repr=False)
+    """Derivatives made so far, by the arguments of :meth:`derivative`."""
 
     @classmethod
     def from_robot(
@@ -238,7 +241,10 @@ class BridgedQuantity:
         return ", ".join(f"{port.name} {port.shape}" for port in self.inputs)
 
     def brought(self, what: str, values: Sequence[Any], array_type: type) -> list[Any]:
-        """Keep arrays of the other package and convert all else to real arrays. Raises ShapeError and ValueRangeError."""
+        """Inputs of a call: arrays of the other package as they are, all else as real arrays.
+
+        Raises ShapeError and ValueRangeError.
+        """
         ports = self.inputs
         if len(values) != len(ports):
             raise ShapeError(f"{what} {self.name}: {len(values)} arrays given, {', '.join(self.input_names)} wanted.")
@@ -283,16 +289,16 @@ class BridgedQuantity:
         """
         model = self.engine.model
 
-        def velocities(q: Any, rates: Any) -> tuple[Any, ...]:
+        def velocities_from_rates(q: Any, rates: Any) -> tuple[Any, ...]:
             return (velocity_map(model, q) @ rates,)
 
-        return trace(velocities, [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"])
+        return trace(velocities_from_rates, [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"])
 
     def slopes(self) -> Program:
         """Program (q, derivative along velocities) → derivative by the entries of q: transpose of :meth:`velocities`."""
         model = self.engine.model
 
-        def slopes(q: Any, derivative_along: Any) -> tuple[Any, ...]:
+        def slopes_by_entries(q: Any, derivative_along: Any) -> tuple[Any, ...]:
             return (derivative_along @ velocity_map(model, q),)
 
-        return trace(slopes, [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])
+        return trace(slopes_by_entries, [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])

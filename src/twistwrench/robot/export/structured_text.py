@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from .. import Robot
 
 TYPES = {"double": "LREAL", "float": "REAL"}
+"""Types of numbers, by precision."""
 STYLES = ("function_block", "codesys")
+"""Interfaces of the blocks: one of their own, or that of CODESYS."""
 STATES = 10
 """Number of states in the program that checks the blocks."""
 _LINE_WIDTH = 76
@@ -110,7 +112,8 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
     scope = Names([name])
     parameters = [scope.free(parameter) for parameter in request.function.parameters]
     input_count = len(program.inputs)
-    inputs, outputs = parameters[:input_count], parameters[input_count:]
+    inputs = parameters[:input_count]
+    outputs = parameters[input_count:]
     statements: list[str] = []
     local_names: list[str] = []
 
@@ -132,7 +135,8 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
     functions = {op: operation(pattern) for op, pattern in _OPERATIONS.items()}
     input_elements = element_names(inputs, program.inputs)
     results = evaluated(program, input_elements, functions)  # adds a statement for each operation
-    for element, result in zip(element_names(outputs, program.outputs), results, strict=True):
+    output_elements = element_names(outputs, program.outputs)
+    for element, result in zip(output_elements, results, strict=True):
         statements.append(f"{element} := {operand_text(result)};")
     declarations = []
     for parameter, port in zip(parameters, (*program.inputs, *program.outputs), strict=True):

@@ -162,10 +162,10 @@ def plot_trajectory(
     robot = trajectory.robot
     names = robot.model.velocity_names
     fast = trajectory if isinstance(trajectory, Fastest) else None
-    width, height = 7.5, 5.6  # [inch]
+    figure_size = (7.5, 5.6)  # [inch]
     ratios = [1.0, 1.0]  # heights of velocities and torques
     if fast is not None:
-        width, height = 11.25, 6.3  # [inch], with the phase plane at the right
+        figure_size = (11.25, 6.3)  # [inch], with the phase plane at the right
         friction = fast.rows.friction
         if fast.time_optimal is None:
             ratios.append(0.28)  # strip of active limits
@@ -179,10 +179,11 @@ def plot_trajectory(
     joint_torques = required_torques(robot, t, q, dq, ddq, friction=friction)
     tau = motor_torques(robot.model, joint_torques)
     title = f"{robot.name} · {trajectory.path.name} · {trajectory.scaling.name} timing, {number(trajectory.duration)} s"
-    with style.figure(width, height, title) as drawn:
+    with style.figure(*figure_size, title) as drawn:
         left_figure = cast("Any", drawn)
         if fast is not None:
-            left_figure, right_figure = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.25, 1]))
+            subfigures = drawn.subfigures(1, 2, width_ratios=[1.25, 1])
+            left_figure, right_figure = cast("Any", subfigures)
         axes = left_figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
         curves(axes[0], t, dq, bounds.velocity, names, "velocity")
         curves(axes[1], t, tau, bounds.effort, robot.model.drive_names, "torque")
@@ -230,46 +231,47 @@ def _draw_active_limits(axis: style.Axes, fast: Fastest, names: tuple[str, ...])
 
 def _draw_phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     """Draw the rate along the path over the path, under the limit curves of torques and velocities."""
-    curves = fast.limit_curves()
-    s, rate = curves.path
+    limits = fast.limit_curves()
+    s, rate = limits.path
     time_optimal = fast if fast.time_optimal is None else fast.time_optimal
     fastest_s, fastest_rate = time_optimal.limit_curves().path
-    top = 1.9 * float(fastest_rate.max())  # of the axis: limit curves above the motion are seen
-    far_above = 10 * top  # in place of infinite limits
-    bound = np.minimum(np.minimum(curves.torque, curves.velocity), far_above)
-    axis.fill_between(curves.s, bound, far_above, color=style.OVER, alpha=0.08, linewidth=0)
-    axis.fill_between(curves.s, 0, bound, color=style.GREEN, alpha=0.07, linewidth=0)
-    if curves.torque.min() < top:
-        curve = np.minimum(curves.torque, far_above)
+    top_rate = 1.9 * float(fastest_rate.max())  # of the axis: limit curves above the motion are seen
+    far_above = 10 * top_rate  # in place of infinite limits
+    torque_limit = np.minimum(limits.torque, far_above)
+    velocity_limit = np.minimum(limits.velocity, far_above)
+    lower_limit = np.minimum(torque_limit, velocity_limit)
+    axis.fill_between(limits.s, lower_limit, far_above, color=style.OVER, alpha=0.08, linewidth=0)
+    axis.fill_between(limits.s, 0, lower_limit, color=style.GREEN, alpha=0.07, linewidth=0)
+    if limits.torque.min() < top_rate:
         label = "limit curve: torques leave one acceleration"
-        axis.plot(curves.s, curve, "-", color=style.OVER, linewidth=1.2, label=label)
-    if np.isfinite(curves.velocity).any():
-        curve = np.minimum(curves.velocity, far_above)
-        axis.plot(curves.s, curve, "--", color=style.QUIET, linewidth=1.2, label="largest joint velocity")
+        axis.plot(limits.s, torque_limit, "-", color=style.OVER, linewidth=1.2, label=label)
+    if np.isfinite(limits.velocity).any():
+        axis.plot(limits.s, velocity_limit, "--", color=style.QUIET, linewidth=1.2, label="largest joint velocity")
     if fast.time_optimal is not None:
         axis.plot(s, rate, color=style.LINE, linewidth=2.0, label="motion within the limits of jerk")
         axis.plot(fastest_s, fastest_rate, ":", color=style.LINE, label="fastest without them")
     else:
         _draw_rate_by_joint(axis, fast, names)
     style.titles(axis, "phase plane")
-    axis.set(xlim=(0, 1), ylim=(0, top), xlabel="s, along the path", ylabel="ds/dt [1/s]")
+    axis.set(xlim=(0, 1), ylim=(0, top_rate), xlabel="s, along the path", ylabel="ds/dt [1/s]")
     axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none")
 
 
 def _draw_rate_by_joint(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     """Draw the rate of a time-optimal motion, each part in the colour of the limiting joint."""
-    curves = fast.limit_curves()
-    s, rate = curves.path
+    limits = fast.limit_curves()
+    s, rate = limits.path
     axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by limiting joint")
     next_begins = [contact.s for contact in fast.limit_contacts[1:]]
     ends = [*next_begins, 1.0]  # the last one ends with the path
     for contact, end in zip(fast.limit_contacts, ends, strict=True):
-        part = (s >= contact.s) & (s <= end)  # samples
-        colour = style.SERIES[names.index(contact.joint) % len(style.SERIES)]
+        part = (s >= contact.s) & (s <= end)  # mask of samples
+        k = names.index(contact.joint)
+        colour = style.SERIES[k % len(style.SERIES)]
         dashes = ":" if contact.kind == "velocity" else "-"
         axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=dashes)
     options: dict[str, Any] = {"color": style.PAPER, "markeredgecolor": style.LINE, "markersize": 5}
-    switch_s, switch_rate = curves.switches
+    switch_s, switch_rate = limits.switches
     axis.plot(switch_s, switch_rate, "o", label="another limit takes over", **options)
 
 
