@@ -135,7 +135,9 @@ def _named_columns(table: Any, columns: Sequence[str] | None) -> dict[str, Array
     elif is_list_of_rows:
         for row in table:
             _check_column_names(row)
-        values = {name: [row.get(name, 0.0) for row in table] for name in COLUMNS}
+        values = {}
+        for name in COLUMNS:
+            values[name] = [row.get(name, 0.0) for row in table]
     else:
         return _columns_of_array(table, columns)
     column_by_name = {}

@@ -24,16 +24,17 @@ _COMMON_GAIN = 1.2
 
 def undetermined_quantities(base: BaseParameters, residual: float) -> dict[str, str]:
     """Sentences by name on quantities that no log determines; ``residual`` is a share of the torques."""
-    unknown, names = base.unknown, base.unknown.model.velocity_names
-    kinds, held = np.array(unknown.kinds), unknown.held
+    unknown = base.unknown
+    names = unknown.model.velocity_names
+    free_kinds = set(np.array(unknown.kinds)[~unknown.held].tolist())
     is_gain_explained, zeros, signs = _explained_errors(base)
     is_undetermined = {
         "gain-of-all": is_gain_explained,
         "zero": bool(zeros),
-        "clock-rate": bool(((kinds == "motor_inertia") & ~held).any()),
+        "clock-rate": "motor_inertia" in free_kinds,
         "sign-of-both": bool(signs),
         "base-about-vertical": bool(np.any(unknown.model.gravity)),
-        "asymmetric-friction": {"coulomb", "offset"} <= set(kinds[~held].tolist()),
+        "asymmetric-friction": {"coulomb", "offset"} <= free_kinds,
         "fed-forward": residual < _MAX_FED_FORWARD_RESIDUAL,
     }
     joint_names = {"zero": listed([names[k] for k in zeros]), "sign-of-both": listed([names[k] for k in signs])}
@@ -57,31 +58,33 @@ def _explained_errors(base: BaseParameters) -> tuple[bool, list[int], list[int]]
     zeros : joints whose error of the zero is explained
     signs : joints whose wrong sign, of position and torque together, is explained
     """
-    unknown, model, free = base.unknown, base.unknown.model, ~base.held
+    unknown, free = base.unknown, ~base.held
+    model = unknown.model
     rng = np.random.default_rng(0)
     state_count = 20 + 3 * base.count // model.nv  # three times as many equations as groups, at least
     q, dq, ddq = rng.normal(size=(3, state_count, model.nv))
     x = np.where(free, rng.normal(size=base.count), base.project(unknown.file_values))
-    no_offset, ones = np.zeros(model.nv), np.ones(model.nv)
-    unit = np.eye(model.nv)
+    no_offset = np.zeros(model.nv)
+    ones = np.ones(model.nv)
+    unit_vectors = np.eye(model.nv)
 
     def columns(offset: Array, sign: Array = ones) -> Array:
         """(n, nv, r) columns of the states with other zeros and signs of the joints, (nv,) each."""
         friction_speed = ones
         return unknown.columns(base.kept, sign * q + offset, sign * dq, sign * ddq, friction_speed)
 
-    turning = np.flatnonzero(turning_joints(model)).tolist()
     W = columns(no_offset)
     span_without_error = _Span.from_columns(W, x, free)
-    zeros = [k for k in turning if span_without_error.contains(columns(_ZERO_ERROR * unit[k]) @ x)]
-    half_turn_spans = [_Span.from_columns(columns(np.pi * unit[k]), x, free) for k in turning]
+    is_gain_explained = span_without_error.contains(_COMMON_GAIN * (W @ x))
+    turning = np.flatnonzero(turning_joints(model)).tolist()
+    zeros = [k for k in turning if span_without_error.contains(columns(_ZERO_ERROR * unit_vectors[k]) @ x)]
+    half_turn_spans = [_Span.from_columns(columns(np.pi * unit_vectors[k]), x, free) for k in turning]
     signs: list[int] = []
     for k in turning:
-        sign = ones - 2.0 * unit[k]  # -1 for joint k, 1 for the others
+        sign = ones - 2.0 * unit_vectors[k]  # -1 for joint k, 1 for the others
         tau = sign * (columns(no_offset, sign) @ x)
         if any(span.contains(tau) for span in half_turn_spans):
             signs.append(k)
-    is_gain_explained = span_without_error.contains(_COMMON_GAIN * (W @ x))
     return is_gain_explained, zeros, signs
 
 
@@ -99,10 +102,11 @@ class _Span:
         """Torques W x with W (n, nv, r); x (r,) has the values of the parameters that are not free."""
         known = W[:, :, ~free] @ x[~free]
         free_columns = W[:, :, free].reshape(known.size, -1)
-        return cls(known, np.linalg.qr(free_columns)[0])
+        basis, _ = np.linalg.qr(free_columns)
+        return cls(known, basis)
 
     def contains(self, tau: Array) -> bool:
         """True if torques (n, nv) are in the span."""
-        residual = (tau - self.known).ravel()
-        residual = residual - self.basis @ (self.basis.T @ residual)
+        tau_of_free = (tau - self.known).ravel()
+        residual = tau_of_free - self.basis @ (self.basis.T @ tau_of_free)
         return bool(np.linalg.norm(residual) < _MAX_UNSPANNED_SHARE * np.linalg.norm(tau))

@@ -138,9 +138,8 @@ def identify(
         best_fit, is_kept = fit_unless_drift(problem, *reject_outliers(problem))
     else:
         best_fit = fit(problem, keep=is_kept)
-    label = problem.label
-    white = whiteness(best_fit, is_kept, label)
-    has_revisits = len(np.unique(label)) < len(is_kept)
+    white = whiteness(best_fit, is_kept, poses.label)
+    has_revisits = len(np.unique(poses.label)) < len(is_kept)
     if white is not None and white.length > 1 and not has_revisits:  # autocorrelated neighbours become one cluster
         cluster_of_row = np.arange(len(is_kept)) // white.length
         problem = replace(problem, label=cluster_of_row, state=best_fit.state)
@@ -149,7 +148,7 @@ def identify(
     is_between_dwells[is_used] = poses.row < 0
     is_outlier = ~is_used
     is_outlier[is_used] = ~poses.spread(is_kept) & ~is_between_dwells[is_used]
-    used_readings = UsedReadings(is_outlier, is_between_dwells, label, white)
+    used_readings = UsedReadings(is_outlier, is_between_dwells, poses.label, white)
     return acceptance_test(Diagnosis(sign, best_fit, is_kept), confidence, problem, log, used_readings)
 
 

@@ -24,23 +24,27 @@ def require_sympy(purpose: str = "Deriving equations") -> None:
 
 
 def names_of(entries: Iterable[Any]) -> list[str]:
-    """Names of symbols, parameters, coordinates or steps."""
+    """Names of objects that have a name: symbols, parameters, coordinates or steps."""
     return [entry.name for entry in entries]
 
 
 _ROUND_OFF = 4e-16
 """Relative rounding error of a few operations: two units in the last place."""
+_MAX_DIGITS = 16
+"""Largest number of digits of a shortened number."""
 
 
 def shortest(value: float, scale: float = 0.0) -> float:
-    """Shortest decimal within 4e-16 of the value; for differences, relative to ``scale``, the size of the operands.
+    """Shortest decimal that equals the value up to rounding errors.
+
+    For differences of large numbers, ``scale`` is the size of the operands, to which rounding errors are relative.
 
     >>> shortest(0.010000000000000002), shortest(0.1 + 0.2), shortest(1 / 3)
     (0.01, 0.3, 0.3333333333333333)
     """
     value = float(value)
     max_error = _ROUND_OFF * max(abs(value), scale)
-    for digits in range(1, 17):
+    for digits in range(1, _MAX_DIGITS + 1):
         rounded = float(f"{value:.{digits}g}")
         if abs(rounded - value) <= max_error:
             return rounded
@@ -69,23 +73,26 @@ def name_parts(name: str) -> tuple[str, str, str]:
 
 
 def link_number(index: str) -> tuple[int, bool]:
-    """Number of a link, joint or rotor (r1), and True for a rotor, so that rotors sort after links of the same number."""
-    number = re.match(r"(r?)(\d+)", index)
-    if number is None:
+    """Number in the index of a link, joint or rotor (r1), 0 for others; and True for a rotor, which sorts after its link."""
+    match = re.match(r"(?P<rotor>r?)(?P<number>\d+)", index)
+    if match is None:
         return 0, False
-    return int(number[2]), bool(number[1])
+    return int(match["number"]), bool(match["rotor"])
 
 
 # ── Order of factors and terms
 
 # Order of factors: numbers, masses, inertias, lengths, gravity, sines and cosines, sums, rates, accelerations. Order of
-# terms: with accelerations, with rates, without; then by link number.
+# terms: those with accelerations, those with rates, others; then by link number.
 
 RANKS = {"G": -0.7, "m": 0, "I": 1, "L": 2, "r": 2, "a": 2, "h": 2, "g": 3, "t": 4.5}
-"""Rank of a symbol among the factors of a product by its stem; other symbols have rank 4."""
+"""Rank of a symbol among the factors of a product, by its stem."""
+_OTHER_RANK = 4
+"""Rank of symbols with other stems."""
 
 
 def _factors(expr: Any) -> list[Any]:
+    """Factors of a product; a single factor for other expressions."""
     return list(expr.args) if expr.is_Mul else [expr]
 
 
@@ -95,7 +102,7 @@ def is_sum(factors: list[Any]) -> bool:
 
 
 def signed_factors(term: Any) -> tuple[bool, list[Any]]:
-    """True for a negative term, and its factors without sign; sums among them are normalised to a positive first term."""
+    """True for a negative term, and its factors without sign; the first term of a sum among the factors is positive."""
     coefficient, symbolic_part = term.as_coeff_Mul()
     is_negative = bool(coefficient.is_negative)
     factors = []
@@ -138,7 +145,7 @@ def _term_key(term: Any) -> tuple[Any, ...]:
     for symbol in term.free_symbols:
         stem, mark, index = name_parts(symbol.name)
         marks.add(mark)
-        rank = 9 if mark else RANKS.get(stem, 4)
+        rank = 9 if mark else RANKS.get(stem, _OTHER_RANK)
         symbol_keys.append((link_number(index), rank, symbol.name, -_exponent(term, symbol)))
     number_text = "" if symbol_keys else str(term)
     without_acceleration, without_rate = "ddot" not in marks, "dot" not in marks
@@ -178,18 +185,19 @@ class Notation:
         for term in ordered_terms(expr):
             is_negative, factors = signed_factors(term)
             if is_negative:
-                terms.append(("-", self._negative_operand(factors)))
+                terms.append(("-", self._operand_of_minus(factors)))
             else:
                 terms.append(("+", self._quotient(factors)))
         return terms
 
     def _product(self, expr: Any) -> str:
+        """Text of a product with its sign."""
         is_negative, factors = signed_factors(expr)
         if is_negative:
-            return self.minus(self._negative_operand(factors))
+            return self.minus(self._operand_of_minus(factors))
         return self._quotient(factors)
 
-    def _negative_operand(self, factors: list[Any]) -> str:
+    def _operand_of_minus(self, factors: list[Any]) -> str:
         """Operand of a minus sign; a sum is put in brackets."""
         operand = self._quotient(factors)
         return self.bracket(operand) if is_sum(factors) else operand
@@ -211,7 +219,7 @@ class Notation:
         return self.fraction(top or "1", self._factors(denominator))
 
     def _factors(self, factors: list[Any]) -> str:
-        """Factors in textbook order; sums among several factors are put in brackets."""
+        """Text of factors in textbook order; sums among several factors are put in brackets."""
         texts = []
         for factor in sorted(factors, key=self._factor_key):
             text = self.write(factor)
@@ -227,7 +235,7 @@ class Notation:
             return (-1, 0, "")
         if base.is_Symbol:
             stem, mark, index = name_parts(base.name)
-            rank = {"": RANKS.get(stem, 4), "dot": 8, "ddot": 9}[mark]
+            rank = {"": RANKS.get(stem, _OTHER_RANK), "dot": 8, "ddot": 9}[mark]
             return (rank, link_number(index), base.name)
         if not base.is_Add:  # sine or cosine
             return (6, 0, str(base))
@@ -241,6 +249,7 @@ class Notation:
         return (5, 0, str(base))
 
     def _power(self, expr: Any) -> str:
+        """Text of a power; negative powers are fractions."""
         if expr.exp.is_Number and expr.exp.is_negative:
             return self.fraction("1", self.write(expr.base**-expr.exp))
         if not expr.exp.is_Integer:
@@ -253,6 +262,7 @@ class Notation:
         return self.superscript(base, str(expr.exp))
 
     def _number(self, x: Any) -> str:
+        """Text of a number; rational numbers are fractions."""
         if x.is_negative:
             return self.minus(self._number(-x))
         if x.is_Rational and not x.is_Integer:
@@ -266,7 +276,8 @@ class Notation:
     def symbol(self, name: str) -> str:
         """Symbol with Greek letters, dots for rates, and indices."""
         stem, mark, index = name_parts(name)
-        subscript = re.sub(r"^r(?=\d)", "ᵣ", index).replace("_", ",").translate(_SUBSCRIPTS)
+        with_rotor_mark = re.sub(r"^r(?=\d)", "ᵣ", index)
+        subscript = with_rotor_mark.replace("_", ",").translate(_SUBSCRIPTS)
         letter = GREEK.get(stem, stem) + MARKS.get(mark, "")
         return unicodedata.normalize("NFC", letter) + subscript
 
@@ -309,8 +320,8 @@ class Notation:
 
     def join(self, terms: list[tuple[str, str]]) -> str:
         """Sum of signed terms."""
-        (first_sign, first), *others = terms
-        text = self.minus(first) if first_sign == "-" else first
+        (first_sign, first_term), *others = terms
+        text = self.minus(first_term) if first_sign == "-" else first_term
         for sign, term in others:
             text += self.between(sign) + term
         return text
@@ -331,7 +342,7 @@ class Notation:
         return "[" + "; ".join(map(", ".join, rows)) + "]"
 
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
-        """∂top/∂variable, or with ``rate`` its derivative with respect to time."""
+        """∂top/∂variable, or if ``rate`` its derivative with respect to time."""
         time_derivative = "d/dt " if rate else ""
         return f"{time_derivative}∂{top}/∂{variable}"
 
@@ -340,7 +351,7 @@ class Notation:
         return f"∂/∂{variable} {inner}"
 
     def other(self, expr: Any) -> str:
-        """Expression without its own rule."""
+        """Text of any other expression."""
         return str(expr)
 
 

@@ -106,7 +106,7 @@ def lane_column_programs(solve: ColumnSolve, layout: RowLayout, precision: Preci
     for number, group in enumerate(solve.groups):
         w = LlvmWriter(precision, VECTOR_BYTES // precision.bytes, fused=fused)
         lane_numbers = typed_list("i64", range(w.lanes))
-        count_in_lanes = _in_all_lanes(w, f"<{w.lanes} x i64>", "i64 %count")
+        count_in_lanes = _lane_copies(w, f"<{w.lanes} x i64>", "i64 %count")
         is_used = w.new(f"icmp ult <{w.lanes} x i64> <{lane_numbers}>, {count_in_lanes}")  # lanes that have a column
         emitter = _LaneColumnsEmitter(w, solve, group, layout, is_used)
         instruction_count = len(group.program.instructions)
@@ -116,7 +116,7 @@ def lane_column_programs(solve: ColumnSolve, layout: RowLayout, precision: Preci
         yield f'{head} "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
-def _in_all_lanes(w: LlvmWriter, vector: str, element: str) -> str:
+def _lane_copies(w: LlvmWriter, vector: str, element: str) -> str:
     """Vector with one element in all lanes; ``vector`` is its type, ``element`` a type and a value."""
     in_lane_0 = w.new(f"insertelement {vector} poison, {element}, i32 0")
     return w.new(f"shufflevector {vector} {in_lane_0}, {vector} poison, <{w.lanes} x i32> zeroinitializer")
@@ -181,7 +181,7 @@ class _LaneColumnsEmitter(Emitter):
             return w.new(f"call {w.vector} @llvm.masked.load.{w.suffix}.p0({arguments})")
         address = w.gep("%frame", (self.first_shared_index + number) * element_bytes)
         shared_value = w.new(f"load {w.element}, ptr {address}, align {element_bytes}")
-        return _in_all_lanes(w, w.vector, f"{w.element} {shared_value}")
+        return _lane_copies(w, w.vector, f"{w.element} {shared_value}")
 
     def output(self, number: int, value: str) -> None:
         """Store an entry of the solutions in its row of the matrix."""

@@ -35,11 +35,24 @@ POINTERS = (
 FIELDS = {"type": 8, "data": 16, "nd": 24, "dims": 32, "descr": 56, "flags": 64}
 """Offsets in NumPy's array object, published in its C API, for 64-bit CPython with the GIL."""
 
-BYTES_DATA, SIZE, LIST_ITEMS, TUPLE_ITEMS, FLOAT_VALUE = 32, 16, 24, tuple.__basicsize__, 16
-"""Offsets [bytes] of the contents of a bytes object, the size of a list or tuple, its items, and the value of a float."""
+BYTES_DATA = 32
+"""Offset [bytes] of the contents of a bytes object."""
+SIZE = 16
+"""Offset of the number of items of a list or tuple."""
+LIST_ITEMS = 24
+"""Offset of the pointer to the items of a list."""
+TUPLE_ITEMS = tuple.__basicsize__
+"""Offset of the first item of a tuple."""
+FLOAT_VALUE = 16
+"""Offset of the value of a float."""
 
-CONTIGUOUS_AND_ALIGNED, WRITABLE_FLAG, BACK_FLAG, WARNS_FLAG = 0x1 | 0x100, 0x400, 0x2000, 1 << 31
-"""NumPy's array flags. The last two mark arrays to which writing has side effects."""
+CONTIGUOUS_AND_ALIGNED = 0x1 | 0x100
+"""Two of NumPy's array flags."""
+WRITABLE_FLAG = 0x400
+SIDE_EFFECT_FLAGS = 0x2000 | 1 << 31
+"""Flags of arrays to which writing has side effects: it is written back to another array, or causes a warning."""
+
+_POINTER_BYTES = 8
 
 _MAX_UNROLLED = 16
 """Maximum number of vectors tested for finite numbers one by one; more are tested in a loop."""
@@ -54,7 +67,8 @@ def abi_matches() -> bool:
         return False
     array = np.arange(6.0).reshape(2, 3)
     contents = type("_Bytes", (bytes,), {})(b"twistwrench")
-    sample_list, sample_tuple = [1.5, None], (None, 2.5)
+    sample_list = [1.5, None]
+    sample_tuple = (None, 2.5)
 
     def integer_at(address: int, kind: Any = ctypes.c_ssize_t) -> int:
         return int(kind.from_address(address).value)
@@ -66,8 +80,8 @@ def abi_matches() -> bool:
     field_addresses = {name: id(array) + offset for name, offset in FIELDS.items()}
     floats = (sample_list[0], np.float64(1.5))
     return (
-        item_addresses(sample_list, integer_at(id(sample_list) + LIST_ITEMS)) == [*map(id, sample_list)]
-        and item_addresses(sample_tuple, id(sample_tuple) + TUPLE_ITEMS) == [*map(id, sample_tuple)]
+        item_addresses(sample_list, integer_at(id(sample_list) + LIST_ITEMS)) == list(map(id, sample_list))
+        and item_addresses(sample_tuple, id(sample_tuple) + TUPLE_ITEMS) == list(map(id, sample_tuple))
         and all(ctypes.c_double.from_address(id(number) + FLOAT_VALUE).value == 1.5 for number in floats)
         and integer_at(field_addresses["type"]) == id(np.ndarray)
         and integer_at(field_addresses["data"]) == array.ctypes.data
@@ -104,29 +118,33 @@ def loop_steps(specs: Sequence[TensorSpec], precision: Precision, batch: int = 0
 
     The steps from sample to sample of all arrays come first, then the strides of their axes.
     """
+    sample_steps = [spec.size * precision.bytes for spec in specs]
     all_strides: list[int] = []
     for spec in specs:
-        size = precision.bytes
+        stride = precision.bytes
         strides = []
-        for n in reversed(spec.shape[batch:]):
-            strides.append(size)
-            size *= n
-        all_strides += strides[::-1]
-    return [spec.size * precision.bytes for spec in specs] + all_strides
+        for length in reversed(spec.shape[batch:]):
+            strides.append(stride)
+            stride *= length
+        all_strides += reversed(strides)
+    return sample_steps + all_strides
 
 
 def call_assembly(layout: CallLayout) -> str:
-    """Module of one builtin."""
+    """Text of the module of one builtin."""
     call = _Call(layout)
     call.write()
-    steps = loop_steps((*layout.inputs, *layout.outputs), layout.precision, layout.batch)
+    steps = loop_steps(call.specs, layout.precision, layout.batch)
+    constants: dict[str, Sequence[int]] = {"one": [1], "steps": steps}
+    constants |= {f"shape{k}": spec.shape for k, spec in enumerate(layout.outputs)}
     return "\n".join(
         [
-            _sort(),
-            _number_list() if layout.precision is DOUBLE else "",
-            f"@one = internal constant {_table([1])}",
-            f"@steps = internal constant {_table(steps)}",
-            *(f"@shape{k} = internal constant {_table(spec.shape)}" for k, spec in enumerate(layout.outputs)),
+            _sort_function(),
+            _numbers_function() if layout.precision is DOUBLE else "",
+            *(
+                f"@{name} = internal constant [{len(values)} x i64] [{typed_list('i64', values)}]"
+                for name, values in constants.items()
+            ),
             f"define ptr @{CALL}(ptr %self, ptr %args, i64 %count, ptr %names) {{\nentry:",
             *call.w.lines,
             "}\n",
@@ -134,11 +152,7 @@ def call_assembly(layout: CallLayout) -> str:
     )
 
 
-def _table(values: Sequence[int]) -> str:
-    return f"[{len(values)} x i64] [{typed_list('i64', values)}]"
-
-
-def _sort() -> str:
+def _sort_function() -> str:
     """Text of ``sort``, a function that stores arguments in parameter order; false for an unknown or repeated name."""
     w = LlvmWriter(DOUBLE, 1)
     with w.loop("%count", "entry") as k:
@@ -167,10 +181,10 @@ def _sort() -> str:
         w.begin(placed)
         w.after = placed
     w.do("ret i1 true")
-    return _helper("sort", "ptr %slots, i64 %parameters, ptr %known, ptr %args, i64 %count, ptr %names", w)
+    return _boolean_function("sort", "ptr %slots, i64 %parameters, ptr %known, ptr %args, i64 %count, ptr %names", w)
 
 
-def _number_list() -> str:
+def _numbers_function() -> str:
     """Text of ``numbers``, a function that copies the floats of a list or tuple; false for any other object."""
     w = LlvmWriter(DOUBLE, 1)
     kind = w.new(f"load ptr, ptr {w.gep('%object', FIELDS['type'])}, align 8")
@@ -187,15 +201,23 @@ def _number_list() -> str:
         _else_false(w, w.new(f"or i1 {is_float}, {is_double}"))
         _store(w, "%into", k, w.new(f"load double, ptr {w.gep(item, FLOAT_VALUE)}, align 8"), "double")
     w.do("ret i1 true")
-    return _helper("numbers", "ptr %object, i64 %length, ptr %into, ptr %list, ptr %tuple, ptr %float, ptr %double", w)
+    return _boolean_function(
+        "numbers", "ptr %object, i64 %length, ptr %into, ptr %list, ptr %tuple, ptr %float, ptr %double", w
+    )
 
 
 def _load(w: LlvmWriter, table: str, number: str) -> str:
-    return w.new(f"load ptr, ptr {w.gep(table, w.new(f'mul i64 {number}, 8'))}, align 8")
+    """Load a pointer from a table, by a number known at run time only."""
+    return w.new(f"load ptr, ptr {_entry_address(w, table, number)}, align 8")
 
 
 def _store(w: LlvmWriter, table: str, number: str, value: str, kind: str = "ptr") -> None:
-    w.do(f"store {kind} {value}, ptr {w.gep(table, w.new(f'mul i64 {number}, 8'))}, align 8")
+    """Store a value of eight bytes in a table, by a number known at run time only."""
+    w.do(f"store {kind} {value}, ptr {_entry_address(w, table, number)}, align 8")
+
+
+def _entry_address(w: LlvmWriter, table: str, number: str) -> str:
+    return w.gep(table, w.new(f"mul i64 {number}, {_POINTER_BYTES}"))
 
 
 def _else_false(w: LlvmWriter, condition: str) -> str:
@@ -206,7 +228,8 @@ def _else_false(w: LlvmWriter, condition: str) -> str:
     return further
 
 
-def _helper(name: str, arguments: str, w: LlvmWriter) -> str:
+def _boolean_function(name: str, arguments: str, w: LlvmWriter) -> str:
+    """Text of a function with a given body, which returns false from the label ``no``."""
     body = "\n".join(w.lines)
     return f"define internal i1 @{name}({arguments}) noinline {{\nentry:\n{body}\nno:\n  ret i1 false\n}}\n"
 
@@ -216,16 +239,15 @@ def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str,
 
     A finite number times zero is zero, and so is the sum of such products. An infinity or NaN makes the sum NaN.
     """
-    width = 512 // w.precision.bits
+    width = 512 // w.precision.bits  # numbers of one vector
     while width > size:
         width //= 2
     kind = f"<{width} x {w.element}>"
     zero = f"splat ({w.element} {w.number(0.0)})"
 
     def times_zero(offset: int | str) -> str:
-        return w.new(
-            f"fmul {kind} {w.new(f'load {kind}, ptr {w.gep(data, offset)}, align {w.precision.bytes}')}, {zero}"
-        )
+        vector = w.new(f"load {kind}, ptr {w.gep(data, offset)}, align {w.precision.bytes}")
+        return w.new(f"fmul {kind} {vector}, {zero}")
 
     def plus(a: str, b: str) -> str:
         return w.new(f"fadd {kind} {a}, {b}")
@@ -250,12 +272,14 @@ def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str,
         w.do(f"%{following} = add i64 {counter}, 1")
         w.do(f"br label %{head}")
         w.begin(end)
-        label, sums = end, [total]
+        label = end
+        sums = [total]
         if whole % 2:
             sums.append(times_zero((whole - 1) * step))
     while len(sums) > 1:  # in pairs, so that few sums depend on each other
+        pairs = zip(sums[::2], sums[1::2], strict=False)
         without_partner = sums[len(sums) // 2 * 2 :]
-        sums = [plus(a, b) for a, b in zip(sums[::2], sums[1::2], strict=False)] + without_partner
+        sums = [plus(a, b) for a, b in pairs] + without_partner
     unordered = w.new(f"fcmp uno {kind} {sums[0]}, {zero}")
     bits = w.new(f"bitcast <{width} x i1> {unordered} to i{width}")
     return w.new(f"icmp ne i{width} {bits}, 0"), label
@@ -271,19 +295,19 @@ class BuiltinWriter:
         """Label of the current basic block."""
         self.context = self.w.gep("%self", BYTES_DATA)
 
-    def known(self, what: str | int) -> str:
+    def known(self, key: str | int) -> str:
         """Load an address from the bytes object ``self``, by its name, or by its number after the named ones."""
-        if isinstance(what, str):
-            return self.entry(self.context, self.pointers.index(what))
-        return self.entry(self.context, len(self.pointers) + what)
+        if isinstance(key, str):
+            return self.entry(self.context, self.pointers.index(key))
+        return self.entry(self.context, len(self.pointers) + key)
 
     def entry(self, table: str, number: int, kind: str = "ptr") -> str:
         """Load an entry of a table."""
-        return self.w.new(f"load {kind}, ptr {self.w.gep(table, 8 * number)}, align 8")
+        return self.w.new(f"load {kind}, ptr {self.w.gep(table, _POINTER_BYTES * number)}, align 8")
 
     def put(self, table: str, number: int, value: str) -> None:
         """Store a pointer in a table."""
-        self.w.do(f"store ptr {value}, ptr {self.w.gep(table, 8 * number)}, align 8")
+        self.w.do(f"store ptr {value}, ptr {self.w.gep(table, _POINTER_BYTES * number)}, align 8")
 
     def begin(self, label: str) -> None:
         """Start a basic block."""
@@ -329,11 +353,15 @@ class _Call(BuiltinWriter):
 
     def __init__(self, layout: CallLayout) -> None:
         super().__init__(layout.precision, POINTERS)
-        self.layout, w = layout, self.w
+        w = self.w
+        self.layout = layout
         self.specs = (*layout.inputs, *layout.outputs)
         self.data = w.new(f"alloca [{len(self.specs)} x ptr], align 8")
+        """Table of pointers to the numbers of all arrays."""
         self.results = w.new(f"alloca [{len(layout.outputs)} x ptr], align 8")
+        """Table of the new arrays."""
         self.slots = w.new(f"alloca [{layout.parameters} x ptr], align 8")
+        """Table of the arguments in parameter order."""
         self.buffers = [w.new(f"alloca [{spec.size} x {w.element}], align 64") for spec in self.specs]
 
     def write(self) -> None:
@@ -341,14 +369,14 @@ class _Call(BuiltinWriter):
         w, layout = self.w, self.layout
         arguments, out = self.arguments()
         for k, spec in enumerate(layout.inputs):
-            self.input(k, self.entry(arguments, k), spec)
+            self.store_input(k, self.entry(arguments, k), spec)
         fresh, lent, run, hand, kept = w.labels("fresh", "lent", "run", "hand", "kept")
         from_lent = ""  # entry of the phi below, for results in the caller's arrays
         if layout.out >= 0:
             is_none = w.new(f"icmp eq ptr {out}, {self.known('none')}")
             self.fork(f"or i1 {is_none}, {w.new(f'icmp eq ptr {out}, null')}", fresh, lent)
             self.begin(lent)
-            self.lent(out)
+            self.use_arrays_of(out)
             from_lent = f", [false, %{self.label}]"
             w.do(f"br label %{run}")
         else:
@@ -360,10 +388,7 @@ class _Call(BuiltinWriter):
         self.begin(run)
         is_allocated = w.new(f"phi i1 [true, %{label_after_allocation}]{from_lent}")
         w.do(f"call void {self.known('loop')}(ptr {self.data}, ptr @one, ptr @steps, ptr null)")
-        any_nonfinite = "false"
-        for k, spec in enumerate(layout.outputs, start=len(layout.inputs)):
-            is_nonfinite, self.label = has_nonfinite(w, self.entry(self.data, k), spec.size, self.label)
-            any_nonfinite = w.new(f"or i1 {any_nonfinite}, {is_nonfinite}")
+        any_nonfinite = self.any_nonfinite()
         wrong, fine, drop = w.labels("wrong", "fine", "drop")
         w.do(f"br i1 {any_nonfinite}, label %{wrong}, label %{fine}")
         self.begin(wrong)  # for non-finite results, the fallback repeats the call, with NumPy's warnings
@@ -383,6 +408,14 @@ class _Call(BuiltinWriter):
         call_arguments = f"ptr {self.entry(self.known('fallback'), 0)}, ptr %args, i64 %count, ptr %names"
         w.do(f"ret ptr {w.new(f'call ptr {vectorcall}({call_arguments})')}")
 
+    def any_nonfinite(self) -> str:
+        """Condition (i1) that some number of the results is not finite."""
+        condition = "false"
+        for k, spec in enumerate(self.layout.outputs, start=len(self.layout.inputs)):
+            is_nonfinite, self.label = has_nonfinite(self.w, self.entry(self.data, k), spec.size, self.label)
+            condition = self.w.new(f"or i1 {condition}, {is_nonfinite}")
+        return condition
+
     def arguments(self) -> tuple[str, str]:
         """Pointers to the arguments in parameter order, and to ``out``.
 
@@ -400,7 +433,7 @@ class _Call(BuiltinWriter):
         self.begin(sort)
         for k in range(layout.parameters):
             self.put(self.slots, k, "null")
-        names = w.gep(self.context, 8 * len(POINTERS))
+        names = w.gep(self.context, _POINTER_BYTES * len(POINTERS))
         self.check(f"icmp sle i64 %count, {layout.positional}")
         sort_arguments = f"ptr {self.slots}, i64 {layout.parameters}, ptr {names}, ptr %args, i64 %count, ptr %names"
         self.check(f"icmp eq i1 {w.new(f'call i1 @sort({sort_arguments})')}, true")
@@ -418,7 +451,7 @@ class _Call(BuiltinWriter):
         arguments = w.new(f"phi ptr [%args, %{quick}], [{self.slots}, %{label_after_sort}]")
         return arguments, w.new(f"phi ptr [null, %{quick}], [{out}, %{label_after_sort}]")
 
-    def input(self, k: int, argument: str, spec: TensorSpec) -> None:
+    def store_input(self, k: int, argument: str, spec: TensorSpec) -> None:
         """Store a pointer to the numbers of an argument: those of an array, or a buffer with those of a list."""
         w = self.w
         self.check(f"icmp ne ptr {argument}, null")
@@ -428,9 +461,8 @@ class _Call(BuiltinWriter):
         array, listed, done = w.labels("array", "list", "given")
         self.fork(f"icmp eq ptr {self.field(argument, 'type', 'ptr')}, {self.known('array_type')}", array, listed)
         self.begin(listed)
-        types = typed_list(
-            "ptr", [self.known(name) for name in ("list_type", "tuple_type", "float_type", "double_type")]
-        )
+        type_names = ("list_type", "tuple_type", "float_type", "double_type")
+        types = typed_list("ptr", [self.known(name) for name in type_names])
         is_number_list = w.new(f"call i1 @numbers(ptr {argument}, i64 {spec.size}, ptr {self.buffers[k]}, {types})")
         self.check(f"icmp eq i1 {is_number_list}, true")
         self.put(self.data, k, self.buffers[k])
@@ -440,7 +472,7 @@ class _Call(BuiltinWriter):
         w.do(f"br label %{done}")
         self.begin(done)
 
-    def lent(self, out: str) -> None:
+    def use_arrays_of(self, out: str) -> None:
         """Use the caller's arrays, if they are writable and do not overlap each other or the inputs."""
         w, outputs = self.w, self.layout.outputs
         input_count = len(self.layout.inputs)
@@ -451,11 +483,12 @@ class _Call(BuiltinWriter):
             objects = [self.entry(w.gep(out, TUPLE_ITEMS), k) for k in range(len(outputs))]
         expected_flags = CONTIGUOUS_AND_ALIGNED | WRITABLE_FLAG
         for k, (item, spec) in enumerate(zip(objects, outputs, strict=True), start=input_count):
-            data = self.array(item, spec, (expected_flags | BACK_FLAG | WARNS_FLAG, expected_flags))
+            data = self.array(item, spec, (expected_flags | SIDE_EFFECT_FLAGS, expected_flags))
             for j in range(k):
                 other = self.entry(self.data, j)
-                ends = [self.ends_before(data, spec, other), self.ends_before(other, self.specs[j], data)]
-                self.check(f"or i1 {ends[0]}, {ends[1]}")
+                is_before = self.ends_before(data, spec, other)
+                is_after = self.ends_before(other, self.specs[j], data)
+                self.check(f"or i1 {is_before}, {is_after}")
             self.put(self.data, k, data)
 
     def ends_before(self, data: str, spec: TensorSpec, other: str) -> str:
@@ -466,10 +499,10 @@ class _Call(BuiltinWriter):
     def allocate(self) -> None:
         """Allocate new arrays; a scalar is computed in a buffer."""
         w = self.w
-        input_count = len(self.layout.inputs)
         for k, spec in enumerate(self.layout.outputs):
+            number = len(self.layout.inputs) + k
             if not spec.shape:
-                self.put(self.data, input_count + k, self.buffers[input_count + k])
+                self.put(self.data, number, self.buffers[number])
                 continue
             descriptor = self.known("descriptor")
             w.do(f"call void {self.known('incref')}(ptr {descriptor})")  # the new array steals a reference
@@ -477,16 +510,16 @@ class _Call(BuiltinWriter):
             array = w.new(f"call ptr {self.known('new_array')}({call_arguments}, ptr null, ptr null, i32 0, ptr null)")
             self.require_object(array, k)
             self.put(self.results, k, array)
-            self.put(self.data, input_count + k, self.field(array, "data", "ptr"))
+            self.put(self.data, number, self.field(array, "data", "ptr"))
 
     def require_object(self, item: str, earlier_count: int) -> None:
         """Continue if CPython made an object; otherwise release the earlier arrays and return NULL, with its error set."""
-        got, failed = self.w.label("made"), self.w.label("failed")
-        self.fork(f"icmp eq ptr {item}, null", failed, got)
+        made, failed = self.w.label("made"), self.w.label("failed")
+        self.fork(f"icmp eq ptr {item}, null", failed, made)
         self.begin(failed)
         self.drop(earlier_count)
         self.w.do("ret ptr null")
-        self.begin(got)
+        self.begin(made)
 
     def drop(self, count: int) -> None:
         """Release the first ``count`` new arrays."""

@@ -88,11 +88,11 @@ def handler_assembly(
         elements = load(buffer, DATA)
         w.do(f"store ptr {elements}, ptr {w.gep(arrays, _POINTER_BYTES * number)}")
     # The number of samples is the product of the lengths of the batch axes of the first array with elements.
-    nonempty = next(number for number, spec in enumerate(specs) if spec.size)
-    rank = load(buffers[nonempty], RANK, "i64")
-    lengths = load(buffers[nonempty], DIMENSIONS)
+    first_with_elements = next(k for k, spec in enumerate(specs) if spec.size)
+    rank = load(buffers[first_with_elements], RANK, "i64")
+    lengths = load(buffers[first_with_elements], DIMENSIONS)
     w.do(f"store i64 1, ptr {samples}")
-    batch_axes = w.new(f"sub i64 {rank}, {len(specs[nonempty].shape)}")
+    batch_axes = w.new(f"sub i64 {rank}, {len(specs[first_with_elements].shape)}")
     with w.loop(batch_axes, "run") as axis:
         byte_offset = w.new(f"mul i64 {axis}, {_LENGTH_BYTES}")
         length = load(w.gep(lengths, byte_offset), 0, "i64")
@@ -102,13 +102,17 @@ def handler_assembly(
     w.do(f"call void {loop}(ptr {arrays}, ptr {samples}, ptr @steps, ptr null)")
     w.do("br label %done")
     w.begin("done")
-    steps = loop_steps(specs, precision)
+    return _module_text(w.lines, loop_steps(specs, precision))
+
+
+def _module_text(handler_lines: Sequence[str], steps: Sequence[int]) -> str:
+    """Module of a handler with this body, and of the function that stores the address of its loop."""
     return "\n".join(
         [
             "@loop = internal global ptr null",
             f"@steps = internal constant [{len(steps)} x i64] [{typed_list('i64', steps)}]",
             "define ptr @handler(ptr %frame) {\nentry:",
-            *w.lines,
+            *handler_lines,
             f"  ret ptr null\n}}\ndefine ptr @{INSTALL}(ptr %address) {{",
             "  store ptr %address, ptr @loop\n  ret ptr @handler\n}\n",
         ]

@@ -1,4 +1,4 @@
-"""Third-party libraries: methods on blocks of Dask arrays, imports on first use, foreign errors, and foreign output."""
+"""Third-party libraries: Dask arrays evaluated block by block, imports at first use, and conversion of errors and output."""
 
 from __future__ import annotations
 
@@ -73,12 +73,12 @@ def later(function: Callable[..., Any], signature: str, arrays: Sequence[Any], d
     input, else float64.
     """
     dask: Any = sys.modules["dask.array"]
-    outputs = signature.partition("->")[2]
+    _, _, outputs = signature.partition("->")
     sizes = set(re.findall(r"\w+", outputs))
     output_count = outputs.count("(")
     if dtype is None:
         dtype = np.float32 if all(np.can_cast(array.dtype, np.float32) for array in arrays) else np.float64
-    one_chunk = {-1: -1}  # of the last axis
+    one_chunk = {-1: -1}  # for the last axis
     return dask.apply_gufunc(
         function,
         signature,
@@ -92,7 +92,7 @@ def later(function: Callable[..., Any], signature: str, arrays: Sequence[Any], d
 def lazy_by_blocks(
     shapes: Shapes, result: Callable[..., Any] | None = None, dtype: Any = None
 ) -> Callable[[Method], Method]:
-    """Decorator of a robot's method, evaluated lazily block by block if an argument array or wrench is a Dask array.
+    """Decorator of a robot's method: if an argument or wrench is a Dask array, the method is evaluated later, block by block.
 
     ``shapes`` returns the shapes of the results for one state. ``result`` combines several results to one. Arguments named q,
     q0 and q1 are (nq,), other states (nv,), wrenches (6,). All other arguments are passed to every block.
@@ -116,10 +116,10 @@ def lazy_by_blocks(
             inputs = _signature_part([array.shape[-1:] for array in arrays])
             outputs = _signature_part(shapes(owner, arguments))
             block = _Block(owner, method.__name__, arguments, tuple(places))
-            values = later(block, f"{inputs}->{outputs}", arrays, dtype)
+            deferred = later(block, f"{inputs}->{outputs}", arrays, dtype)
             if result is None:
-                return values
-            return result(*values)
+                return deferred
+            return result(*deferred)
 
         return call  # type: ignore[return-value]
 
@@ -141,8 +141,10 @@ class _Block:
 
     owner: Any
     name: str
+    """Name of the method."""
     arguments: Mapping[str, Any]
     places: tuple[Place, ...]
+    """Place of each array among the arguments."""
 
     def __call__(self, *arrays: Array) -> Any:
         arguments = dict(self.arguments)
@@ -198,9 +200,9 @@ _MAX_REASON_LENGTH = 200
 
 @contextmanager
 def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[None]:
-    """Convert any exception of the block to one error of this library; this library's own errors pass unchanged.
+    """Convert any exception of the block to an error of this library, made by ``error_of`` from the reason.
 
-    ``error_of`` makes the error from the reason. ``KeyboardInterrupt`` and ``SystemExit`` pass. Use it only around calls of a
+    This library's own errors, ``KeyboardInterrupt`` and ``SystemExit`` pass unchanged. Use it only around calls of a
     third-party parser on external data: a mistake of our own code in the block would be reported as an error in the file.
     """
     try:
@@ -212,20 +214,21 @@ def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[
 
 
 def reason_of(problem: Exception) -> str:
-    """Reason of an error in one line without a full stop: the system's text for files, else its kind and message."""
+    """Reason of an error in one line without a full stop: the system's text for files, otherwise class and message."""
     if isinstance(problem, RecursionError):
         return "its entries are nested too deeply"
     if isinstance(problem, MemoryError):
         return "it needs more memory than is available"
     if isinstance(problem, OSError) and problem.strerror:
         return problem.strerror
-    text = " ".join(_message_of(problem).split()).rstrip(".")
-    kind = type(problem).__name__
-    if not text:
-        return kind
-    if len(text) > _MAX_REASON_LENGTH:
-        text = f"{text[:_MAX_REASON_LENGTH]}…"
-    return f"{kind}: {text}"
+    one_line = " ".join(_message_of(problem).split())
+    message = one_line.rstrip(".")
+    class_name = type(problem).__name__
+    if not message:
+        return class_name
+    if len(message) > _MAX_REASON_LENGTH:
+        message = f"{message[:_MAX_REASON_LENGTH]}…"
+    return f"{class_name}: {message}"
 
 
 def _message_of(problem: Exception) -> str:
@@ -237,13 +240,18 @@ def _message_of(problem: Exception) -> str:
 
 
 _MAX_OUTPUT_LENGTH = 300
-"""Maximum number of displayed characters of the output."""
+"""Maximum number of displayed characters of captured output."""
+_MAX_CAPTURED_BYTES = 2**16
+"""Largest size of captured output that is read; far more than is displayed."""
+_STDERR = 2
+"""File descriptor of the standard error."""
 
 
 class ForeignOutput:
-    """Output written during the block of :func:`capture_stderr`, available after the block."""
+    """Output written during the block of :func:`capture_stderr`."""
 
     text = ""
+    """Whole output, available after the block."""
 
     def __str__(self) -> str:
         one_line = " ".join(self.text.split())
@@ -254,7 +262,7 @@ class ForeignOutput:
 
 @contextlib.contextmanager
 def capture_stderr() -> Iterator[ForeignOutput]:
-    r"""Capture the process's standard error (file descriptor 2) in the block, including output of C and C++.
+    r"""Capture the process's standard error in the block, including output of C and C++.
 
     Output of other threads is captured too. Without a standard error, nothing is captured.
     """
@@ -262,7 +270,7 @@ def capture_stderr() -> Iterator[ForeignOutput]:
     with contextlib.suppress(Exception):  # sys.stderr may be None or closed
         sys.stderr.flush()
     try:
-        stderr = os.dup(2)
+        saved_stderr = os.dup(_STDERR)
     except OSError:  # there is no standard error
         yield output
         return
@@ -270,15 +278,15 @@ def capture_stderr() -> Iterator[ForeignOutput]:
 
     try:
         with tempfile.TemporaryFile() as file:
-            os.dup2(file.fileno(), 2)
+            os.dup2(file.fileno(), _STDERR)
             try:
                 yield output
             finally:
                 with contextlib.suppress(Exception):
                     sys.stderr.flush()
-                os.dup2(stderr, 2)
+                os.dup2(saved_stderr, _STDERR)
                 file.seek(0)
-                first_bytes = file.read(1 << 16)  # a limit on memory; far more than is displayed
+                first_bytes = file.read(_MAX_CAPTURED_BYTES)
                 output.text = first_bytes.decode("utf-8", "replace")
     finally:
-        os.close(stderr)
+        os.close(saved_stderr)

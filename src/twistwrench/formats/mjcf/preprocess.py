@@ -63,12 +63,13 @@ class Settings:
         for element in root.all("compiler"):
             last_element = element
             attributes |= element.attributes
-        compiler = last_element.with_attributes(attributes)
+        compiler = last_element.with_attributes(attributes)  # messages name the last element
         if compiler.word("coordinate", ("local", "global"), "local") == "global":
             raise RobotFileError(
                 f'{compiler} has coordinate="global", which MuJoCo dropped too. Write poses relative to the parent body.'
             )
-        sequence = compiler.attributes.get("eulerseq", "xyz").strip()
+        attributes = compiler.attributes
+        sequence = attributes.get("eulerseq", "xyz").strip()
         if len(sequence) != 3 or set(sequence) - set("xyzXYZ"):
             raise RobotFileError(
                 f'{compiler} has eulerseq="{sequence}": three of the letters x, y, z, X, Y, Z are expected.'
@@ -83,23 +84,27 @@ class Settings:
             least_mass=compiler.floats("boundmass", (0.0,))[0],
             least_moment=compiler.floats("boundinertia", (0.0,))[0],
             balanced=compiler.flag("balanceinertia", default=False),
-            mesh_folder=compiler.attributes.get("meshdir", compiler.attributes.get("assetdir", "")).strip(),
+            mesh_folder=attributes.get("meshdir", attributes.get("assetdir", "")).strip(),
             plain_names=compiler.flag("strippath", default=False),
             align_free=compiler.flag("alignfree", default=False),
         )
 
 
+_FORCES_OF_GROUPS = {"passive": {"spring", "damper"}, "constraint": {"equality", "frictionloss"}}
+"""Names of the forces that one flag disables together."""
+
+
 def disabled_by(root: Element) -> set[str]:
     """Names of the forces that the flags of ``<option>`` disable: gravity, spring, damper, equality and others."""
     disabled: set[str] = set()
-    for option in root.all("option"):
-        for flag in option.all("flag"):
-            for name, value in flag.attributes.items():
-                if value.strip() == "disable":
-                    disabled.add(name)
-                elif value.strip() == "enable":
-                    disabled.discard(name)
-    for group, forces in (("passive", {"spring", "damper"}), ("constraint", {"equality", "frictionloss"})):
+    flags = [flag for option in root.all("option") for flag in option.all("flag")]
+    for flag in flags:
+        for name, value in flag.attributes.items():
+            if value.strip() == "disable":
+                disabled.add(name)
+            elif value.strip() == "enable":
+                disabled.discard(name)
+    for group, forces in _FORCES_OF_GROUPS.items():
         if group in disabled:
             disabled |= forces
     return disabled
@@ -126,6 +131,9 @@ def fluid_of(root: Element) -> Element | None:
 
 _MAX_DEPTH_OF_INCLUDES = 16
 _ROOTS = ("mujoco", "mujocoinclude")
+"""Names of the root elements of included files."""
+_MAX_SHOWN_NAME = 200
+"""Largest number of characters that messages show of a file's name."""
 
 
 class Folders:
@@ -147,12 +155,13 @@ class Folders:
         folders, and missing files.
         """
         is_address = re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name) is not None  # also C: of Windows
-        if not name or "\0" in name or name.startswith(("/", "\\")) or is_address:
-            raise element.error(f"names the file {name[:200]!r}: only paths below the robot's own folder are read.")
+        is_absolute = name.startswith(("/", "\\"))
+        named = f"names the file {name[:_MAX_SHOWN_NAME]!r}"
+        if not name or "\0" in name or is_absolute or is_address:
+            raise element.error(f"{named}: only paths below the robot's own folder are read.")
         if not self.allowed:
             raise element.error(
-                f"names the file {name[:200]!r}, and a robot given as text has no folder. Load it from its path, or "
-                "pass include_paths=[folder]."
+                f"{named}, and a robot given as text has no folder. Load it from its path, or pass include_paths=[folder]."
             )
         home, *others = self.allowed
         folders = [home, *others]
@@ -169,14 +178,13 @@ class Folders:
             return files[0]
         if not allowed_paths:
             raise element.error(
-                f"names the file {name[:200]!r}, which lies outside the robot's folder. If it is to be read, pass "
-                "include_paths=[its folder]."
+                f"{named}, which lies outside the robot's folder. If it is to be read, pass include_paths=[its folder]."
             )
-        raise element.error(f"names the file {name[:200]!r}, which is not there.")
+        raise element.error(f"{named}, which is not there.")
 
-    def _is_allowed(self, place: Path) -> bool:
+    def _is_allowed(self, path: Path) -> bool:
         """True if a resolved path lies below one of the folders."""
-        return any(place.is_relative_to(folder) for folder in self.allowed)
+        return any(path.is_relative_to(folder) for folder in self.allowed)
 
 
 def expand(root: Element, folders: Folders, max_bodies: int) -> None:
@@ -241,12 +249,14 @@ SHORTCUT = "the shortcut"
 
 _ORIENTATION_ATTRIBUTES = {"quat", "axisangle", "xyaxes", "zaxis", "euler"}
 _MAIN = "main"
+"""Name of the outermost class."""
 
 
 class Defaults:
     """Default classes of a file."""
 
     def __init__(self, root: Element) -> None:
+        """Read all ``<default>`` elements of a file."""
         self._classes: dict[str, dict[str, dict[str, str]]] = {_MAIN: {}}
         """Attributes by class name and tag of the element."""
         stack = [(element, "") for element in reversed(root.all("default"))]
@@ -266,7 +276,7 @@ class Defaults:
             for child in element.children:
                 if child.tag != "default":
                     key = _key(child.tag)
-                    defaults[key] = merge_defaults(defaults.get(key, {}), child)
+                    defaults[key] = merge_defaults(defaults.get(key), child)
             self._classes[name] = defaults
             stack.extend((child, name) for child in reversed(element.all("default")))
 
@@ -289,6 +299,7 @@ class Defaults:
         return name
 
     def _check(self, element: Element, name: str, verb: str) -> None:
+        """Raise RobotFileError if no class has the name."""
         if name not in self._classes:
             known = listed(map(repr, self._classes))
             raise element.error(f"{verb} {name!r}, which no <default> describes. Known: {known}.")
@@ -303,12 +314,12 @@ def merge_defaults(default: dict[str, str] | None, element: Element) -> dict[str
     attributes = dict(default or {})
     if not own_attributes.keys().isdisjoint(_ORIENTATION_ATTRIBUTES):
         attributes = {name: value for name, value in attributes.items() if name not in _ORIENTATION_ATTRIBUTES}
+    merged = attributes | own_attributes
     if element.tag in ACTUATORS:
-        shortcut = element.tag
-        if shortcut == "general":
-            shortcut = attributes.get(SHORTCUT, "general")
-        return {**attributes, **own_attributes, SHORTCUT: shortcut}
-    return {**attributes, **own_attributes}
+        merged[SHORTCUT] = element.tag
+        if element.tag == "general":
+            merged[SHORTCUT] = attributes.get(SHORTCUT, "general")
+    return merged
 
 
 def _key(tag: str) -> str:
@@ -319,13 +330,15 @@ def _key(tag: str) -> str:
 
 
 _MODES = ("legacy", "exact", "convex", "shell")
+"""Ways to compute the inertia of a mesh."""
 
 
 class Meshes:
     """The meshes of a file's ``<asset>``, by name."""
 
     def __init__(self, root: Element, settings: Settings, defaults: Defaults, folders: Folders) -> None:
-        self._settings, self._folders = settings, folders
+        self._settings = settings
+        self._folders = folders
         self._meshes: dict[str, Element] = {}
         self._duplicates: dict[str, Element] = {}
         """Last mesh with a name that an earlier mesh has, by name."""
@@ -341,13 +354,14 @@ class Meshes:
 
     def file_and_scale(self, name: str) -> tuple[str, tuple[float, ...]]:
         """File and scale of a mesh; an empty name if it is not in the assets or has no file."""
-        element = self._meshes.get(name)
-        if element is None:
-            return "", (1.0, 1.0, 1.0)
+        no_scale = (1.0, 1.0, 1.0)
+        if name not in self._meshes:
+            return "", no_scale
+        element = self._meshes[name]
         file = element.attributes.get("file", "").strip()
         if file:
             file = self._file(file)
-        return file, tuple(element.floats("scale", (1.0, 1.0, 1.0)))
+        return file, tuple(element.floats("scale", no_scale))
 
     def _file(self, name: str) -> str:
         """Path of a mesh file relative to the robot's folder, after the settings ``meshdir`` and ``strippath``."""
@@ -422,6 +436,7 @@ class Meshes:
         return np.asarray(in_reference * scale), faces
 
     def _read_surface(self, element: Element, geom: Element) -> tuple[Array, Array]:
+        """Vertices (n, 3) and triangles (k, 3) in the file of a mesh."""
         try:
             path = self._folders.find(self._file(element.text("file")), element)
         except RobotFileError as error:
@@ -430,10 +445,11 @@ class Meshes:
             ) from None
         from ...mechanics.bodies.mesh import read_surface
 
-        if path.suffix.lower() not in (*SUFFIXES, ".msh"):
+        suffix = path.suffix.lower()
+        if suffix not in (*SUFFIXES, ".msh"):
             raise element.error(f"names the file {path.name!r}, which is not a mesh: {', '.join(SUFFIXES)}, .msh.")
         try:
-            if path.suffix.lower() == ".msh":
+            if suffix == ".msh":
                 return _read_msh(path)
             return read_surface(path)
         except TwistWrenchError as error:
@@ -441,10 +457,14 @@ class Meshes:
 
 
 def _triples(element: Element, attribute: str) -> Array:
+    """Numbers (n, 3) of an attribute."""
     count = len(element.text(attribute).split())
     if count % 3:
         raise element.error(f"has {count} numbers in {attribute}, which is not a multiple of three.")
     return element.numbers(attribute, count).reshape(-1, 3)
+
+
+_MSH_HEADER_BYTES = 16
 
 
 def _read_msh(path: Path) -> tuple[Array, Array]:
@@ -455,20 +475,22 @@ def _read_msh(path: Path) -> tuple[Array, Array]:
     """
     with third_party_errors(lambda reason: RobotFileError(f"{path.name} cannot be read as a mesh: {reason}.")):
         data = read_bytes(path)
-    header = data[:16]
-    if len(header) < 16:
-        header = bytes(16)  # counts of zero, which are refused below
+    header = data[:_MSH_HEADER_BYTES]
+    if len(header) < _MSH_HEADER_BYTES:
+        header = bytes(_MSH_HEADER_BYTES)  # counts of zero, which are refused below
     counts = np.frombuffer(header, "<i4").astype(int)
     n_vertices, n_normals, n_textures, n_faces = counts
-    size = 16 + 4 * (3 * n_vertices + 3 * n_normals + 2 * n_textures + 3 * n_faces)
-    if counts.min() < 0 or not n_vertices or not n_faces or size != len(data):
+    number_count = 3 * n_vertices + 3 * n_normals + 2 * n_textures + 3 * n_faces
+    expected_bytes = _MSH_HEADER_BYTES + 4 * number_count
+    if counts.min() < 0 or not n_vertices or not n_faces or expected_bytes != len(data):
         raise RobotFileError(
             f"{path.name} is not a mesh of MuJoCo's: its counts and its size, {len(data)} bytes, do not agree."
         )
-    coordinates = np.frombuffer(data, "<f4", 3 * n_vertices, 16).astype(float)
+    coordinates = np.frombuffer(data, "<f4", 3 * n_vertices, offset=_MSH_HEADER_BYTES).astype(float)
     if not np.isfinite(coordinates).all():
         raise RobotFileError(f"{path.name} has vertices that are not finite.")
-    corner_indices = np.frombuffer(data, "<i4", 3 * n_faces, size - 12 * n_faces).astype(int)  # at the end
+    faces_begin = len(data) - 4 * 3 * n_faces
+    corner_indices = np.frombuffer(data, "<i4", 3 * n_faces, offset=faces_begin).astype(int)
     return coordinates.reshape(-1, 3), corner_indices.reshape(-1, 3)
 
 

@@ -21,10 +21,12 @@ from ...mechanics.lie.identity import IDENTITY, pose_rows
 
 _SINGLE_PRECISION = 1e-5
 """Largest error of a rotation matrix in single precision."""
+_MAX_MESSAGE_LENGTH = 300
+"""Largest number of characters of the library's messages that an error shows."""
 
 
 def open_stage(path: Path, folders: Sequence[Path]) -> Any:
-    """Open the stage of a file; RobotFileError if one of its layers lies outside ``folders``. Raises MissingExtraError."""
+    """Open the stage of a file; raises RobotFileError if one of its layers lies outside ``folders``, and MissingExtraError."""
     try:
         from pxr import Usd
     except ImportError:
@@ -34,14 +36,15 @@ def open_stage(path: Path, folders: Sequence[Path]) -> Any:
         third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
         capture_stderr() as library_messages,
     ):
-        held_layers = _check_and_open_layers(path.resolve(), allowed_folders)
+        open_layers = _check_and_open_layers(path.resolve(), allowed_folders)
         stage = Usd.Stage.Open(str(path.resolve()))
     if str(library_messages):  # the library only warns of a missing layer; here a part of the robot is missing
-        raise RobotFileError(f"it cannot be read whole: {' '.join(str(library_messages).split())[:300]}")
-    for layer in stage.GetUsedLayers():  # also layers whose names variables and variants give
+        messages = " ".join(str(library_messages).split())
+        raise RobotFileError(f"it cannot be read whole: {messages[:_MAX_MESSAGE_LENGTH]}")
+    for layer in stage.GetUsedLayers():  # also layers whose names come from variables and variants
         if layer.realPath:
             _check_layer_path(layer.realPath, allowed_folders)
-    del held_layers  # held until here, so that the library did not read the same files again
+    del open_layers  # kept until here, so that the library did not read the files again
     return stage
 
 
@@ -61,7 +64,7 @@ def _check_and_open_layers(path: Path, allowed: Sequence[Path]) -> list[Any]:
     for layer_path in layer_paths:  # the list grows by the layers that each layer names
         layer = Sdf.Layer.FindOrOpen(layer_path)
         layers.append(layer)
-        if layer is None:  # reported when the stage is opened
+        if layer is None:  # the library reports it when it opens the stage
             continue
         for dependency in layer.GetCompositionAssetDependencies():
             dependency_path = layer.ComputeAbsolutePath(dependency)
@@ -76,21 +79,21 @@ def _check_and_open_layers(path: Path, allowed: Sequence[Path]) -> list[Any]:
 def _check_layer_path(layer_path: str, allowed: Sequence[Path]) -> None:
     """Raise RobotFileError if a layer is not a file below the folders ``allowed``."""
     archive_or_file, _, _ = layer_path.partition("[")  # a layer in an archive is robot.usdz[part.usd]
-    place = Path(archive_or_file).resolve()
-    if not any(place.is_relative_to(folder) for folder in allowed):
+    path = Path(archive_or_file).resolve()
+    if not any(path.is_relative_to(folder) for folder in allowed):
         raise RobotFileError(
-            f"it takes in {shorten(str(place))!r}, which lies outside its folder. To read it, pass include_paths=[its folder]."
+            f"it takes in {shorten(str(path))!r}, which lies outside its folder. To read it, pass include_paths=[its folder]."
         )
-    if place.exists() and not place.is_file():
-        raise RobotFileError(f"it takes in {shorten(str(place))!r}, which is not a file.")
+    if path.exists() and not path.is_file():
+        raise RobotFileError(f"it takes in {shorten(str(path))!r}, which is not a file.")
 
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """One side of a joint."""
+    """One end of a joint."""
 
     body: Any
-    """None for the world."""
+    """Prim of the body; None for the world."""
     T: Array
     """Pose (4, 4) of the joint's frame in the body."""
 
@@ -108,6 +111,7 @@ class Stage:
     def __init__(self, stage: Any, max_bodies: int) -> None:
         from pxr import Usd, UsdGeom, UsdPhysics
 
+        # units of length and of mass in the file [m, kg]
         self.metre = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.kilogram = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
         for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
@@ -148,15 +152,16 @@ class Stage:
         if not scale.min() > 0:
             raise RobotFileError(f"{who(prim)} is scaled to nothing.")
         R = (M[:3, :3] / scale[:, None]).T
-        sheared = np.abs(R.T @ R - np.eye(3)).max() > _SINGLE_PRECISION
-        if sheared or np.linalg.det(R) < 0:
+        is_sheared = np.abs(R.T @ R - np.eye(3)).max() > _SINGLE_PRECISION
+        is_mirrored = np.linalg.det(R) < 0
+        if is_sheared or is_mirrored:
             raise RobotFileError(
                 f"{who(prim)} is sheared or mirrored by its transforms, which no body can be. Apply them to its shapes."
             )
         return se3.pose(so3.project(R), M[3, :3] * self.metre), scale
 
     def parts(self, body: Any) -> Iterator[Any]:
-        """Prims of a body, starting with the body, without those of nested bodies."""
+        """Prims of a body, starting with the body, without the prims of bodies inside it."""
         from pxr import Usd
 
         traversal = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
@@ -194,7 +199,7 @@ class Stage:
         return strength * (direction / length)
 
     def end(self, joint: Any, which: int) -> End:
-        """Side 0 or 1 of a joint. Its body is None, and its frame is that of the stage, if the file names no moving body."""
+        """End 0 or 1 of a joint; if the file names no moving body, its body is None and its pose is that on the stage."""
         targets = joint.GetRelationship(f"physics:body{which}").GetTargets()
         if len(targets) > 1:
             raise RobotFileError(f"{who(joint)} has {len(targets)} targets for body{which}; one is allowed.")
@@ -206,8 +211,8 @@ class Stage:
                 raise RobotFileError(f"{who(joint)} has body{which} at {targets[0]}, where nothing is.")
             T_prim, scale = self.pose_and_scale(prim)
         local_position = vector_of(joint, f"physics:localPos{which}", (0.0, 0.0, 0.0)) * scale * self.metre
-        local_quaternion = quaternion_of(joint, f"physics:localRot{which}")
-        T_joint = T_prim @ pose_rows(quaternion.rotation(local_quaternion).tolist(), local_position.tolist())
+        local_rotation = quaternion.rotation(quaternion_of(joint, f"physics:localRot{which}"))
+        T_joint = T_prim @ pose_rows(local_rotation.tolist(), local_position.tolist())
         body = prim
         while body and body.GetPath() not in self.body_paths:  # a part of a body belongs to the body
             body = body.GetParent()
@@ -223,9 +228,9 @@ def who(prim: Any) -> str:
 
 
 def value_of(prim: Any, name: str, *, default: Any) -> Any:
-    """Value of an attribute in the file, else the schema's default, else ``default``; raises RobotFileError for an array."""
+    """Value of an attribute in the file, or the schema's default, or ``default``; raises RobotFileError for an array."""
     attribute = prim.GetAttribute(name)
-    if attribute and attribute.GetTypeName().isArray:  # not read, as it may be of any size
+    if attribute and attribute.GetTypeName().isArray:  # which may have any size
         raise _wrong_type(prim, name, f"an array, {attribute.GetTypeName()}", "a single value")
     if not attribute:
         return default
@@ -235,8 +240,9 @@ def value_of(prim: Any, name: str, *, default: Any) -> Any:
     return value
 
 
-def _wrong_type(prim: Any, name: str, found: str, expected: str) -> RobotFileError:
-    return RobotFileError(f"{who(prim)} has {name} = {shorten(found)}; expected {expected}.")
+def _wrong_type(prim: Any, name: str, value_text: str, expected: str) -> RobotFileError:
+    """Error for an attribute whose value is not of the expected type."""
+    return RobotFileError(f"{who(prim)} has {name} = {shorten(value_text)}; expected {expected}.")
 
 
 def number_of(prim: Any, name: str, default: float = 0.0) -> float:
@@ -254,7 +260,7 @@ def vector_of(prim: Any, name: str, default: Sequence[float]) -> Array:
 
 
 def _decimal(prim: Any, name: str, value: Any) -> float:
-    """Number of an attribute; for one of single precision, the shortest decimal that rounds to it."""
+    """Number of an attribute; for a number of single precision, the shortest decimal that rounds to it."""
     if not isinstance(value, int | float):
         raise _wrong_type(prim, name, str(value), "a number")
     number = float(value)
@@ -284,7 +290,7 @@ def quaternion_of(prim: Any, name: str) -> list[float]:
 
 
 def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
-    """Axis (0, 1 or 2) of a joint's motion, or of a shape."""
+    """Index 0, 1 or 2 of the axis of a joint's motion, or of a shape."""
     axis = str(value_of(prim, name, default=default))
     if axis not in ("X", "Y", "Z"):
         raise _wrong_type(prim, name, repr(axis), "X, Y or Z")
@@ -293,5 +299,5 @@ def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
 
 def moves(prim: Any) -> bool:
     """True if forces move a body: it is enabled and not kinematic."""
-    enabled = bool(value_of(prim, "physics:rigidBodyEnabled", default=True))
-    return enabled and not value_of(prim, "physics:kinematicEnabled", default=False)
+    is_enabled = bool(value_of(prim, "physics:rigidBodyEnabled", default=True))
+    return is_enabled and not value_of(prim, "physics:kinematicEnabled", default=False)

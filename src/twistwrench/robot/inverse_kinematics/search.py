@@ -28,20 +28,25 @@ STEPS = 60
 POSTURE_STEPS = 240
 """Largest number of steps towards a posture."""
 FIRST_LOOK = 8
-"""Steps of the search for a single pose in one lane of a vector register, before all lanes search from a start each."""
+"""Largest number of steps of the first search for a single pose, in one lane of a vector register.
+
+If it fails, all lanes search, each from another start."""
 AT_ONCE = 1 << 18
 """Largest number of starts in one call of the kernel; Ctrl-C takes effect between calls."""
 MIN_POSES_AT_ONCE = 64
 """Smallest number of poses in one call, whatever the number of starts."""
 Frames = tuple[tuple[str, tuple[int, ...]], ...]
 """Frame names, each with rows of the frame's twist."""
-ATTEMPT_COUNT, OUTCOME, POSE_ERROR, FIRST_ROW = 0, 1, 2, 3
-"""Columns of a status. The outcome is 1 for a pose that was reached, 0 for one that was not, -1 or NaN for no valid pose.
 
-From ``FIRST_ROW`` on follow the errors of the frames' rows, the gaps of the loops, and 1 for each joint held by a limit.
-"""
+# Columns of a status.
+ATTEMPT_COUNT = 0
+OUTCOME = 1
+"""1 for a pose that was reached, 0 for a pose that was not reached, -1 or NaN for an invalid pose."""
+POSE_ERROR = 2
+FIRST_ROW = 3
+"""First of the errors of the frames' rows; then follow the gaps of the loops, and 1 for each joint held by a limit."""
 _TOLERANCE_MARGIN = 1e-9
-"""Margin below 1 of squared tolerances, against rounding errors."""
+"""Part by which squared tolerances are reduced, against rounding errors."""
 
 
 class PoseSearch:
@@ -56,9 +61,10 @@ class PoseSearch:
         difference: Any,
         loops: LoopClosureSolver | None = None,
     ) -> None:
-        """``farthest``: displacement of a frame per radian of the farthest joint [m]; ``poses``, ``difference``: kernels.
+        """``farthest`` is the displacement of a frame for one radian of the farthest joint [m]; ``loops`` stay closed.
 
-        ``poses`` return those of q; ``difference`` returns the joint twists from one q to another. ``loops`` are closed.
+        ``poses`` has a kernel for each frame, which returns its poses at q. The kernel ``difference`` returns the joint twists
+        from one q to another.
         """
         self.model, self.poses, self.difference, self.loops = model, poses, difference, loops
         self.target_shape = (4, 4) if len(frames) == 1 else (len(frames), 4, 4)
@@ -71,10 +77,10 @@ class PoseSearch:
         if loops is not None:
             error_rows += loops.kinds
         scale = np.where(np.array(error_rows) < 3, 1.0, 1.0 / self.length)
-        single = [body for body in model.leaders if body.joint.nv == 1]
-        self.single_q = np.array([body.q_index for body in single], int)
-        """Coordinates of the joints of one degree of freedom, which alone have limits."""
-        single_v = np.array([body.v_index for body in single], int)
+        single_bodies = [body for body in model.leaders if body.joint.nv == 1]
+        self.single_q = np.array([body.q_index for body in single_bodies], int)
+        """Indices in q of the joints of one degree of freedom, which alone have limits."""
+        single_v = np.array([body.v_index for body in single_bodies], int)
         self.lower = model.limits.lower[single_v]
         self.upper = model.limits.upper[single_v]
         lower_by_velocity = np.full(model.nv, -np.inf)
@@ -85,19 +91,21 @@ class PoseSearch:
         self._upper_by_coordinate = np.full(model.nq, np.inf)
         self._lower_by_coordinate[self.single_q] = self.lower
         self._upper_by_coordinate[self.single_q] = self.upper
-        coordinates = np.full(model.nv, -1)  # coordinate of each velocity; -1 for joints of several degrees
-        coordinates[single_v] = self.single_q
+        coordinate_of_velocity = np.full(model.nv, -1)  # index in q; -1 for joints of several degrees
+        coordinate_of_velocity[single_v] = self.single_q
         self._step = NewtonStep(
-            model, frames, scale, lower_by_velocity, upper_by_velocity, tuple(coordinates.tolist()),
+            model, frames, scale, lower_by_velocity, upper_by_velocity, tuple(coordinate_of_velocity.tolist()),
             loops=None if loops is None else loops.rows, gaps=() if loops is None else loops.allowed,
         )  # fmt: skip
         search = self._search(self._step)
         self.status_size = search.status.size
         self.kernel = compile_form(search, "inverse_kinematics", f"Search of {model.name} for poses, compiled.")
-        weights = []
+        weights = []  # of pose entries in the distance of starts
         for _, rows in frames:
-            rotation_weight = float(min(rows, default=3) < 3)
-            position_weight = (max(rows, default=0) >= 3) / self.length**2
+            has_angular_row = min(rows, default=3) < 3
+            has_linear_row = max(rows, default=0) >= 3
+            rotation_weight = float(has_angular_row)
+            position_weight = has_linear_row / self.length**2
             entry_weights = np.full((3, 4), rotation_weight)  # of (R, p)
             entry_weights[:, 3] = position_weight
             weights.append(entry_weights.ravel())
@@ -126,21 +134,23 @@ class PoseSearch:
 
     @cached_property
     def look(self) -> Any:
-        """Kernel of one lane for one pose; ``rounds=1``: it gives up if a joint meets a limit.
+        """Kernel of one lane for one pose, which gives up if a joint meets a limit (``rounds=1``).
 
         Otherwise its result equals the general kernel's.
         """
         doc = f"Look of {self.model.name} for one pose near by, compiled."
-        return compile_form(self._search(replace(self._step, rounds=1)), "look", doc, scalar=True)
+        search = self._search(replace(self._step, rounds=1))
+        return compile_form(search, "look", doc, scalar=True)
 
     @cached_property
     def to_posture(self) -> Any:
         """Kernel that moves from reached poses towards a posture, as near as the poses allow."""
         doc = f"Search of {self.model.name} for postures, compiled."
-        return compile_form(self._search(replace(self._step, posture=True)), "posture", doc)
+        search = self._search(replace(self._step, posture=True))
+        return compile_form(search, "posture", doc)
 
     def settings(self, tolerances: tuple[float, float], restarts: int, steps: int = STEPS) -> Array:
-        """Settings of the kernel other than poses and starts."""
+        """Input of the kernel with numbers of steps and restarts, squared tolerances and weights."""
         angle, distance = tolerances
         factor = 1.0 - _TOLERANCE_MARGIN
         return np.array([steps, restarts, factor * angle * angle, factor * distance * distance, *self.weights])
@@ -166,7 +176,7 @@ class PoseSearch:
     def best(
         self, T: Array, start: Array, restarts: int, seed: int, tolerances: tuple[float, float]
     ) -> tuple[Array, Array]:
-        """Best result of all starts (n, nq), the first at ``start``, and its status (n, status); T (n, *core)."""
+        """Best configuration (n, nq) of all starts, the first at ``start``, and its status (n, status), for T (n, *core)."""
         settings = self.settings(tolerances, min(restarts, PLACES))
         if seed not in self._starts_by_seed:  # the start table takes longer than most searches, which need none
             q, status = self.run(T, start, self._no_starts, self.settings(tolerances, 0))
@@ -178,29 +188,29 @@ class PoseSearch:
         else:
             q, status = self.run(T, start, self.start_configurations(seed).table(0), settings)
         starts = self.start_configurations(seed)
-        number = 1  # of the next table of starts
+        table_number = 1  # of the next table of starts
         restarts_done = PLACES
-        while restarts_done < restarts:  # a start before those of a table, then the table's
+        while restarts_done < restarts:  # each run has a first start and those of a table
             unsolved = np.flatnonzero(status[:, OUTCOME] == 0.0)
             if not len(unsolved):
                 break
             settings = self.settings(tolerances, min(restarts - restarts_done - 1, PLACES))
-            first = np.broadcast_to(starts.first(number), (len(unsolved), self.model.nq))
-            new_q, new_status = self.run(T[unsolved], first, starts.table(number), settings)
+            first_start = np.broadcast_to(starts.first(table_number), (len(unsolved), self.model.nq))
+            new_q, new_status = self.run(T[unsolved], first_start, starts.table(table_number), settings)
             new_status[:, ATTEMPT_COUNT] += status[unsolved, ATTEMPT_COUNT]
             status[unsolved, ATTEMPT_COUNT] = new_status[:, ATTEMPT_COUNT]  # also of poses that did not improve
             is_nearer = new_status[:, POSE_ERROR] < status[unsolved, POSE_ERROR]
-            improved = (new_status[:, OUTCOME] != 0.0) | is_nearer
-            q[unsolved[improved]] = new_q[improved]
-            status[unsolved[improved]] = new_status[improved]
-            number += 1
+            is_better = (new_status[:, OUTCOME] != 0.0) | is_nearer
+            q[unsolved[is_better]] = new_q[is_better]
+            status[unsolved[is_better]] = new_status[is_better]
+            table_number += 1
             restarts_done += PLACES + 1
         return q, status
 
     def nearest(
         self, T: Array, posture: Array, solution: tuple[Array, Array], tolerances: tuple[float, float]
     ) -> tuple[Array, Array]:
-        """Move solutions towards postures (n, nq) with the frames fixed, until no step improves."""
+        """Solutions, as q and status, moved towards postures (n, nq) with the frames fixed, until no step improves."""
         q, status = solution
         solved = np.flatnonzero(status[:, OUTCOME] > 0.0)
         no_starts = self._no_starts
@@ -211,19 +221,19 @@ class PoseSearch:
         new_q, new_status = self.run(T[solved], near_q, no_starts, settings)  # to full precision
         old_distance = np.linalg.norm(self.difference(posture[solved], q[solved]), axis=1)
         new_distance = np.linalg.norm(self.difference(posture[solved], new_q), axis=1)
-        improved = (new_status[:, OUTCOME] > 0.0) & (new_distance < old_distance)
+        is_better = (new_status[:, OUTCOME] > 0.0) & (new_distance < old_distance)
         new_status[:, ATTEMPT_COUNT] = status[solved, ATTEMPT_COUNT]
-        q[solved[improved]] = new_q[improved]
-        status[solved[improved]] = new_status[improved]
+        q[solved[is_better]] = new_q[is_better]
+        status[solved[is_better]] = new_status[is_better]
         return q, status
 
     def run(
         self, T: Array, start: Array, table: tuple[Array, Array], settings: Array, kernel: Any = None
     ) -> tuple[Array, Array]:
-        """Run the kernel, or another one, on any number of poses, in parts."""
+        """Run the general or another ``kernel`` on any number of poses, in parts; returns q and status."""
         q = np.empty((len(T), self.model.nq))
         status = np.empty((len(T), self.status_size))
-        restarts = settings[1]
+        _, restarts, *_ = settings
         part_size = max(MIN_POSES_AT_ONCE, int(AT_ONCE / (1.0 + restarts)))
         parts = []
         for first in range(0, len(T), part_size):
@@ -239,7 +249,7 @@ class PoseSearch:
         return np.zeros((PLACES, self.model.nq)), np.zeros((len(self.weights), PLACES))
 
     def start_configurations(self, seed: int) -> _StartConfigurations:
-        """Start configurations of a seed; those of the last seed are cached."""
+        """Start configurations of a seed; the configurations of the last seed are cached."""
         if seed not in self._starts_by_seed:
             self._starts_by_seed = {seed: _StartConfigurations(self, seed)}
         return self._starts_by_seed[seed]
@@ -249,36 +259,37 @@ class _StartConfigurations:
     """Tables of random start configurations, shared by all poses, with the poses of the frames there."""
 
     def __init__(self, search: PoseSearch, seed: int) -> None:
-        self.search, self.rng = search, np.random.default_rng(seed)
-        self._firsts: list[Array] = []
+        self.search = search
+        self.rng = np.random.default_rng(seed)
+        self._first_starts: list[Array] = []
         self._tables: list[tuple[Array, Array]] = []
 
     def first(self, number: int) -> Array:
-        """Start configuration that precedes those of a table."""
-        self.table(number)
-        return self._firsts[number]
+        """Start configuration (nq,) before those of a table."""
+        self.table(number)  # makes it
+        return self._first_starts[number]
 
     def table(self, number: int) -> tuple[Array, Array]:
-        """Configurations (PLACES, nq), and the rows of their poses (12 for each frame, PLACES)."""
+        """Configurations (PLACES, nq), and the entries of their poses (12 for each frame, PLACES)."""
         while len(self._tables) <= number:
-            count_before = min(1, len(self._tables))  # a start precedes every table but the first
+            count_before = min(1, len(self._tables))  # every table but the first has a start before it
             starts = random_configuration(self.search.model, self.rng, (PLACES + count_before,))
             if self.search.loops is None:
                 starts = self.search.inside(starts)
             else:
                 starts = self.search.loops.closed_starts(starts, self.search.inside)
-            self._firsts.append(starts[0])
+            self._first_starts.append(starts[0])
             q = np.ascontiguousarray(starts[count_before:])
-            pose_rows = [poses_at(q)[:, :3].reshape(PLACES, 12).T for poses_at in self.search.poses]
-            self._tables.append((q, np.ascontiguousarray(np.concatenate(pose_rows))))
+            pose_entries = [poses_at(q)[:, :3].reshape(PLACES, 12).T for poses_at in self.search.poses]
+            self._tables.append((q, np.ascontiguousarray(np.concatenate(pose_entries))))
         return self._tables[number]
 
 
 class SinglePose:
-    """Fast path for one pose: arrays of plain float64, options validated before.
+    """Fast path for one pose, for arrays of plain float64 and validated options.
 
     One lane searches first, with steps that ignore limits; nearby solutions take a few steps. If it fails, all lanes
-    search from the beginning. The result is the same either way.
+    search from the beginning. Both ways have equal results.
     """
 
     def __init__(self, search: PoseSearch, restarts: int, seed: int, tolerances: tuple[float, float]) -> None:
@@ -297,7 +308,7 @@ class SinglePose:
         if solution is None:
             return None
         q, status = solution
-        if not status[OUTCOME] > 0.0:  # NaN too
+        if not status[OUTCOME] > 0.0:  # also for NaN
             return None
         return q
 
@@ -309,7 +320,7 @@ class SinglePose:
             return solution
         with np.errstate(all="ignore"):
             solution = self.kernel(T, start, self.settings, *self.table)
-        if solution is None or not solution[1][OUTCOME] >= 0.0:  # NaN too
+        if solution is None or not solution[1][OUTCOME] >= 0.0:  # also for NaN
             return None
         return solution
 

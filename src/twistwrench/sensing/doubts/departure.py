@@ -26,6 +26,8 @@ MIN_READINGS_PER_COLUMN = 3
 """Smallest number of readings for each column of an explanation."""
 _HUBER_LIMIT = 2.0
 """Ratio of residual to noise above which a reading loses weight."""
+_SPAN_TOLERANCE = 1e-6
+"""Largest singular value at rounding level, for columns of unit length."""
 
 
 def departure(
@@ -42,7 +44,8 @@ def departure(
     if before < MIN_OUTLIERS:
         return None
     t = log.clock
-    s = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 0.5  # time from -½ to ½
+    duration = float(t[-1] - t[0])
+    s = (t - t[0]) / max(duration, 1e-300) - 0.5  # time from -½ to ½
     load = log.predicted(sensor) - np.asarray(sensor.bias)
     constant = np.ones((len(s), 1))
     explanations = {
@@ -56,7 +59,8 @@ def departure(
         basis = orthonormal(columns / np.linalg.norm(columns, axis=0))
         if len(s) < MIN_READINGS_PER_COLUMN * basis.shape[1]:
             continue
-        explained = np.stack([_robust_fit(basis, rest[:, c], sigma[:, c]) for c in range(6)], axis=1)
+        fits = [_robust_fit(basis, y, deviations) for y, deviations in zip(rest.T, sigma.T, strict=True)]
+        explained = np.stack(fits, axis=1)
         after = int(off(rest - explained).sum())
         if after <= MAX_REMAINING_SHARE * before and (best is None or after < best[0]):
             best = (after, name, explained)
@@ -71,7 +75,7 @@ def departure(
     if name == "drift":
         span = f"the {len(t)} readings"
         if log.time is not None:
-            span = f"{number(t[-1] - t[0], 3)} s"
+            span = f"{number(duration, 3)} s"
         return doubt("sensor-file-drift", bias=listed_bias(explained[-1] - explained[0]), span=span, **counts)
     share = largest_share(explained, load)
     if share > MAX_GAIN:
@@ -96,7 +100,7 @@ def orthonormal(E: Array, basis: Array | None = None) -> Array:
         E = E - basis @ (basis.T @ E)
         E = E - basis @ (basis.T @ E)  # again: rounding errors of the first projection are not orthogonal
     U, values, _ = np.linalg.svd(E, full_matrices=False)
-    return np.asarray(U[:, values > 1e-6])
+    return np.asarray(U[:, values > _SPAN_TOLERANCE])
 
 
 def _robust_fit(X: Array, y: Array, sigma: Array) -> Array:
