@@ -237,7 +237,7 @@ def _round_up(offset: int, align: int) -> int:
 def _fill_image(image: Array, file: ObjectFile, offsets: dict[int, int], offsets_by_name: dict[bytes, int]) -> None:
     """Copy the sections of a file into the image, and write the relative addresses of symbols into them.
 
-    Both mappings hold offsets in the image: ``offsets`` of its sections, by number; ``offsets_by_name`` of symbols of all files.
+    Both mappings hold offsets in the image: ``offsets`` of its sections, by number; ``offsets_by_name`` of all symbols.
     """
     symbol_offsets: list[int] = []  # in the image; -1 if unknown
     for name, section, offset_in_section in zip(file.names, file.symbol_sections, file.offsets.tolist(), strict=True):
