@@ -383,4 +383,5 @@ class EventDetector:
             return self._value(k, t + s, state_at(s)) - level
 
         time_tolerance = 4e-16 * max(t, s1)  # two units in the last place of the time [s]
+        # rtol: the rounding of s itself; maxiter: far above what Brent's method needs
         return float(brentq(difference_from_level, s0, s1, xtol=time_tolerance, rtol=1e-15, maxiter=200))

@@ -34,6 +34,14 @@ _FACTOR_AFTER_OVERFLOW = 0.1
 """Ratio of a step to the one before it if the error of the latter is not finite."""
 _MIN_RELATIVE_STEP = 1e-14
 """Smallest step, relative to the time; shorter steps are a failure."""
+_MIN_TIME_SCALE = 1e-3
+"""Least time to which the smallest step is relative [s]."""
+_FIRST_CHANGE = 0.01
+"""Relative change of the state in the first step."""
+_MIN_SIZE_OF_STATE = 1e-5
+"""Size of the state or its rate, in tolerances, below which the first step has a fixed length."""
+_FIRST_STEP_IF_TINY = 1e-6
+"""Length of the first step if the state or its rate is tiny [s]."""
 _ROUNDING_OF_TIME = 1e-12
 """Largest difference of two equal times, relative to the duration."""
 
@@ -102,7 +110,7 @@ class Stepper:
             if np.isfinite(error):
                 factor = self._step_factor(error)
             h = step * factor
-            if h < _MIN_RELATIVE_STEP * max(t, 1e-3):
+            if h < _MIN_RELATIVE_STEP * max(t, _MIN_TIME_SCALE):
                 raise self._failure(t, h, y, y1)
 
     def _step_factor(self, error: float) -> float:
@@ -158,8 +166,8 @@ class Stepper:
         motion = slice(0, self.system.size - len(WORKS))  # coordinates and velocities
         state_size = float(np.sqrt(np.mean(np.square((y / scale)[motion]))))  # in tolerances
         rate_size = float(np.sqrt(np.mean(np.square((rate / scale)[motion]))))
-        is_tiny = min(state_size, rate_size) < 1e-5 or not np.isfinite(rate_size)
-        h = 1e-6 if is_tiny else 0.01 * state_size / rate_size
+        is_tiny = min(state_size, rate_size) < _MIN_SIZE_OF_STATE or not np.isfinite(rate_size)
+        h = _FIRST_STEP_IF_TINY if is_tiny else _FIRST_CHANGE * state_size / rate_size
         return min(h, span, self.longest)
 
 
