@@ -83,9 +83,9 @@ class TaskState(NamedTuple):
 _SUBGROUP_ROWS = (
     frozenset((0, 1, 2, 3, 4, 5)),  # all motions
     frozenset((0, 1, 2)),  # rotations
-    frozenset((0, 4, 5)),  # planar motions, perpendicular to x, y and z
-    frozenset((1, 3, 5)),
-    frozenset((2, 3, 4)),
+    frozenset((0, 4, 5)),  # planar motions perpendicular to x
+    frozenset((1, 3, 5)),  # to y
+    frozenset((2, 3, 4)),  # to z
 )
 """Sets of twist rows whose motions are a subgroup of SE(3), so that motions on these rows correct any error on them."""
 

@@ -424,7 +424,8 @@ def _newton(
 
 def _finite_pose(T: ArrayLike, name: str) -> Array:
     """One pose (4, 4) of finite numbers; raises an error that names the argument."""
-    return pose(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
+    matrix = arguments.one(T, name, 4, 4)
+    return pose(arguments.finite(matrix, name, 4, 4), name)
 
 
 def _error_bound(value: float, name: str) -> float:

@@ -63,7 +63,8 @@ class Diagnosis:
         sign = spell(Argument("sign", self.sign))
         if not self.turn:
             return sign
-        angle = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
+        rotation_vector = so3.log(self.fit.mounting)
+        angle = math.degrees(float(np.linalg.norm(rotation_vector)))
         unknown_mounting = spell(Argument("assume", "orientation"))
         return f"{sign} with {unknown_mounting} (turned by {number(angle, 3)}°)"
 

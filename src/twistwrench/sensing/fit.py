@@ -308,8 +308,9 @@ def _excess_variance(
         tau = excess_squares / np.maximum(weighted_freedom, _TINY_WEIGHT)
     if own_variance.any():  # a channel has the noise within dwells, so τ needs no lower bound
         return tau, freedom
-    largest_of_kind = np.repeat(np.maximum(tau, 0.0).reshape(2, 3).max(axis=1), 3)
-    return np.maximum(tau, MIN_NOISE_RATIO**2 * largest_of_kind), freedom
+    largest_of_kinds = np.maximum(tau, 0.0).reshape(2, 3).max(axis=1)  # of moments and of forces
+    min_variance = MIN_NOISE_RATIO**2 * np.repeat(largest_of_kinds, 3)
+    return np.maximum(tau, min_variance), freedom
 
 
 def _group_sums(x: Array, groups: Array) -> Array:

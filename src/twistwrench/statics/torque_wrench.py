@@ -222,9 +222,8 @@ def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", lea
         if not magnitude > max_left_out:
             continue
         sign = "-" if entry < 0 else "+"
-        factor = (
-            "" if abs(magnitude - 1) < _MAX_ROUNDING_OF_FACTOR else f"{number(magnitude)} "
-        )  # a factor of 1 is not written
+        is_one = abs(magnitude - 1) < _MAX_ROUNDING_OF_FACTOR
+        factor = "" if is_one else f"{number(magnitude)} "
         terms.append(f"{sign} {factor}{name}")
     if not terms:
         return nothing

@@ -317,7 +317,8 @@ class _SearchLoop(SearchState):
         self.store_count("attempt", lane, attempt)
         self.store_count("times", lane, 0)
         self.store_count("next", owner, w.new(f"add i64 {attempt}, 1"))
-        self.store_count("running", owner, w.new(f"add i64 {self.load_count('running', owner)}, 1"))
+        running = self.load_count("running", owner)
+        self.store_count("running", owner, w.new(f"add i64 {running}, 1"))
         given, x, passed = self.row_address(GIVEN, lane), self.row_address(X, lane), self.row_address(PASSED, lane)
         self.copy_in(0, given, sample)
         target_bytes = self.s.target.size * self.bytes
@@ -417,7 +418,8 @@ class _SearchLoop(SearchState):
             )
             with w.when(w.new(f"xor i1 {continues}, true")):
                 self.store_count("attempt", lane, -1)
-                self.store_count("running", owner, w.new(f"sub i64 {self.load_count('running', owner)}, 1"))
+                running = self.load_count("running", owner)
+                self.store_count("running", owner, w.new(f"sub i64 {running}, 1"))
                 with w.when(w.new(f"xor i1 {after_winner}, true")):
                     self._compare(owner, attempt, passed)
 
@@ -427,7 +429,8 @@ class _SearchLoop(SearchState):
         status = self.load(passed, self.s.x.size)  # the memory has x, the status and the error
         error = self.load(passed, self.s.x.size + 1)
         is_decided = w.new(f"fcmp one {w.element} {status}, {w.number(0.0)}")  # found, or the target is invalid
-        self.store_count("winner", owner, self.choose(is_decided, attempt, self.load_count("winner", owner)))
+        winner = self.load_count("winner", owner)
+        self.store_count("winner", owner, self.choose(is_decided, attempt, winner))
         best = self.row_address(BEST, owner)
         least_error = self.load(best, self.s.x.size + 1)
         nearest = self.load_count("nearest", owner)

@@ -36,6 +36,8 @@ _MIN_RELATIVE_STEP = 1e-14
 """Smallest step, relative to the time; shorter steps are a failure."""
 _MIN_TIME_SCALE = 1e-3
 """Least time to which the smallest step is relative [s]."""
+_LONGER_LAST_STEP = 1.01
+"""Ratio up to which a step is longer than it should be rather than a tiny step before the end."""
 _FIRST_CHANGE = 0.01
 """Relative change of the state in the first step."""
 _MIN_SIZE_OF_STATE = 1e-5
@@ -83,9 +85,8 @@ class Stepper:
         h = min(h, self.longest)
         max_factor = MAX_STEP_FACTOR
         while True:
-            t1 = (
-                until if t + 1.01 * h >= until else t + h
-            )  # a hundredth longer rather than a tiny step before ``until``
+            reaches_end = t + _LONGER_LAST_STEP * h >= until
+            t1 = until if reaches_end else t + h
             step = t1 - t
             error, steepness, distance, self.speed = trials.attempt(t, y, rate, step)
             self.stiffness.note(t, step, steepness, distance)
@@ -121,7 +122,8 @@ class Stepper:
         """Error message for steps that shrink without end, with the joint of the largest error."""
         relative_errors = np.abs(self.trials.errors[self.trials.count] / self._tolerance(y, y1))
         velocity_errors = relative_errors[self.system.moving]
-        worst = int(np.argmax(np.where(np.isfinite(velocity_errors), velocity_errors, np.inf)))
+        finite_or_inf = np.where(np.isfinite(velocity_errors), velocity_errors, np.inf)  # nan counts as the largest
+        worst = int(np.argmax(finite_or_inf))
         return SimulationError(
             f"at t = {printed(t, 9)} s steps shrink below {residual(h)} s and still miss the tolerance, most of "
             f"all in joint {self.system.robot.model.velocity_names[worst]!r}: a force there jumps, or grows "
