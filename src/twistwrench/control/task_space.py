@@ -156,7 +156,8 @@ class TaskLaw:
         >>> law.task(0.0, [0, 0.5, 1], [0, 0, 0]).error.round(12).tolist()
         [0.0, 0.0]
         """
-        robot, rows = self.robot, list(self._rows)
+        robot = self.robot
+        rows = list(self._rows)
         q, dq = one_state(robot, type(self).__name__, q, dq)
         T, J = robot.forward_kinematics(q, self.frame), robot.jacobian(q, self.frame, self.kind)
         compute_errors = body_errors if self.kind == "body" else world_errors

@@ -461,7 +461,8 @@ class SettingRows:
 
     def _with_speeds(self, judged: JudgedStates, friction_speed: Array) -> Array:
         """(m, nv, r) columns of states with other friction speeds than the usual ones."""
-        W, unknown = judged.W.copy(), self.base.unknown
+        W = judged.W.copy()
+        unknown = self.base.unknown
         for column, joints in self.coulomb:
             k = int(self.base.kept[column])  # index of the column among all unknown parameters
             friction = [unknown.drives([k], states.dq, states.ddq, friction_speed) for states in judged.states]

@@ -532,7 +532,8 @@ def ForwardDynamicsTrajectory(
     """
     chain = chain_of(Mlist, Glist, Slist)
     q, dq = _initial_state(chain, thetalist, dthetalist)
-    tau, gravity = _joint_rows(chain, taumat, "taumat"), arguments.one(g, "g", 3)
+    tau = _joint_rows(chain, taumat, "taumat")
+    gravity = arguments.one(g, "g", 3)
     dt = arguments.number(dt, "dt")
     F = _tip_wrenches(Ftipmat, len(tau))
     steps = arguments.whole(intRes, "intRes")
@@ -752,7 +753,8 @@ def SimulateControl(
     gains = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd)
     reference = _motion_matrices(robot, thetamatd=thetamatd, dthetamatd=dthetamatd, ddthetamatd=ddthetamatd)
     q_d = reference["thetamatd"]
-    dt, steps = arguments.number(dt, "dt"), arguments.whole(intRes, "intRes")
+    dt = arguments.number(dt, "dt")
+    steps = arguments.whole(intRes, "intRes")
     F = _tip_wrenches(Ftipmat, len(q_d))
     gravity, model_gravity = arguments.one(g, "g", 3), arguments.one(gtilde, "gtilde", 3)
     taumat, thetamat = _closed_loop(

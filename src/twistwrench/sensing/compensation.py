@@ -234,7 +234,8 @@ def _known_sensor(
         known = SensorFile(sensor.sensor, sensor.noise, sensor.uncertainty)
     elif isinstance(sensor, str | Path):
         path = sensor_path(sensor)
-        known, files = read_sensor_file(path), {"SENSOR": path}
+        known = read_sensor_file(path)
+        files = {"SENSOR": path}
     else:
         raise ShapeError(
             "compensate takes a ForceTorqueSensor, an Identification or the path of a sensor file, got "

@@ -240,8 +240,10 @@ def _covariances(
 
     ``root`` is the root of the covariance for unit variances. ``residuals`` (m, 6) of the kept rows are whitened.
     """
-    p, load = len(x), problem.unknowns.load
-    m, h = load.start, slice(load.start + 1, load.start + 4)  # mass and first moment
+    p = len(x)
+    load = problem.unknowns.load
+    m = load.start  # index of the mass
+    h = slice(load.start + 1, load.start + 4)  # of the first moment
     rows = np.concatenate([root, root[h] * x[m] - np.outer(x[h], root[m])])  # unknowns, then m dh - h dm
     C, degrees_of_freedom = channel_covariance(Q, rows, freedom, groups)
     joint = C[:p, :p]

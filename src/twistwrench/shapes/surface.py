@@ -85,7 +85,8 @@ class Surface:
         """Surface after the collapse of at most ``max_collapses`` edges that are not near each other."""
         from scipy.sparse import coo_array
 
-        n, F = len(self.vertices), self.faces
+        n = len(self.vertices)
+        F = self.faces
         sides = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), axis=1)
         # an edge of the vertices a and b is the number a n + b
         edge_numbers, face_counts = np.unique(sides @ np.array([n, 1]), return_counts=True)

@@ -189,7 +189,8 @@ class SearchState:
 
     def copy_in(self, k: int, row: str, sample: str) -> None:
         """Copy one sample of input k into a row."""
-        w, port = self.w, self.s.inputs[k]
+        w = self.w
+        port = self.s.inputs[k]
         batch_stride, _ = self.strides[k]
         source = w.gep(self.bases[k], w.new(f"mul i64 {sample}, {batch_stride}"))
         with w.when(self.contiguous[k]):
@@ -199,7 +200,8 @@ class SearchState:
 
     def copy_out(self, k: int, row: str, sample: str) -> None:
         """Copy a row into one sample of result k."""
-        w, port = self.w, self.s.outputs[k]
+        w = self.w
+        port = self.s.outputs[k]
         operand = len(self.s.inputs) + k
         batch_stride, _ = self.strides[operand]
         target = w.gep(self.bases[operand], w.new(f"mul i64 {sample}, {batch_stride}"))
@@ -236,7 +238,8 @@ class _SearchLoop(SearchState):
 
     def write(self) -> None:
         """Write the body of the loop function."""
-        w, lanes = self.w, str(self.w.lanes)
+        w = self.w
+        lanes = str(self.w.lanes)
         self.samples = w.new("load i64, ptr %dims, align 8")
         self.load_operands()
         allocation = self.allocate_buffers()

@@ -222,7 +222,8 @@ class MotionSearch:
         rest_state = self._states(with_width(0.0))[:, :1]  # the same at all instants
         if self.constraints.least(rest_state) < _MARGIN or not is_feasible(_MIN_WIDTH):
             return None
-        feasible_share, infeasible_share = _MIN_WIDTH, 1.0
+        feasible_share = _MIN_WIDTH
+        infeasible_share = 1.0
         for _ in range(_HALVINGS):
             share = 0.5 * (feasible_share + infeasible_share)
             if is_feasible(share):

@@ -352,7 +352,8 @@ def run_adaptive(run: Run, stepper: Stepper) -> None:
     """Take adaptive steps, between the samples of a controller if there is one; states in between by dense output."""
     run.stepper = stepper
     y = run.begin()
-    t, end = 0.0, run.end
+    t = 0.0
+    end = run.end
     spacing = run.h * run.every
     rounding = _ROUNDING_OF_TIME * end
     run.sample(t, y)
