@@ -188,7 +188,8 @@ def step_doubts(found: CalibratedRobot) -> list[Doubt]:
 
 def _steps(found: CalibratedRobot, index: int) -> Iterator[_Step]:
     """Best step of the target on the tip, and of the instrument, among the readings of a measurement."""
-    fit, m = found.fit, found.fit.problem.measured[index]
+    fit = found.fit
+    m = found.fit.problem.measured[index]
     if m.pairs is not None or m.count < 2 * _MIN_ROWS_BESIDE:
         return
     # Outliers get the weight of the other readings, since they may be the readings after a step.

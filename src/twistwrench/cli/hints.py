@@ -11,6 +11,7 @@ from ..core.arguments import read_quantity
 from ..core.errors import ValueRangeError
 
 _ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf", ".sdf", ".world", ".usd", ".usda", ".usdc", ".xacro")
+"""Endings of files of robots."""
 MEANINGS = {
     "ROBOT": "a file, or a name that `twistwrench robots` lists",
     "MOTION": "a log or plan, or 'demo'",
@@ -28,8 +29,9 @@ class Seconds(click.ParamType):  # type: ignore[type-arg]  # generic in new vers
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Parse the text; raises UsageError with the units."""
+        option = param.opts[0] if param else "duration"
         try:
-            return read_quantity(str(value), param.opts[0] if param else "duration", "s")
+            return read_quantity(str(value), option, "s")
         except ValueRangeError as error:
             raise click.UsageError(str(error), ctx) from None
 
@@ -57,7 +59,8 @@ def _robot_hint(word: str) -> str:
     """Sentence with commands of a robot that stands in place of a command; empty for other words."""
     from ..robots.finding import known_robots, plain_name
 
-    if not word.lower().endswith(_ROBOT_ENDINGS) and plain_name(word) not in known_robots():
+    is_robot = word.lower().endswith(_ROBOT_ENDINGS) or plain_name(word) in known_robots()
+    if not is_robot:
         return ""
     folder = Path(__file__).parents[1] / "robots"
     motion = "demo" if (folder / f"{plain_name(word)}_demo.csv").is_file() else "MOTION"
@@ -69,16 +72,17 @@ def unknown_option(error: click.NoSuchOption, typed: list[str]) -> str:
     from ..core.first_calls import rows_of, similar_names
 
     assert error.ctx is not None
-    name, command_name = error.option_name, error.ctx.info_name
-    known: set[str] = set()
+    name = error.option_name
+    command_name = error.ctx.info_name
+    options: set[str] = set()
     for param in error.ctx.command.params:
-        known.update(param.opts, param.secondary_opts)
+        options.update(param.opts, param.secondary_opts)
     text = f"No such option: {name}."
     rows = [row for row in rows_of(name, "option") if not row.only or command_name in row.only]
     rows.sort(key=lambda row: not row.only)  # rows of this command first
     for row in rows:
         first_word = row.use.split()[0]
-        if first_word.startswith("-") and first_word not in known:
+        if first_word.startswith("-") and first_word not in options:
             continue
         robot = next((word for word in typed[1:] if not word.startswith("-")), "ROBOT")
         difference = row.differs.format(command=command_name, robot=robot, name=Path(robot).stem)
@@ -87,7 +91,7 @@ def unknown_option(error: click.NoSuchOption, typed: list[str]) -> str:
         if difference:
             text += f" {difference[0].upper()}{difference[1:]}."
         return text
-    similar = similar_names(name, known)
+    similar = similar_names(name, options)
     if similar:
         without_quotes = similar.replace("'", "")
         text += f" Did you mean {without_quotes}?"

@@ -21,26 +21,31 @@ from .terminal import progress_bar
 _PLOT_KINDS = ("torques", "causes", "power", "phase", "motors", "support", "mounting", "grip")
 _PLOT_KINDS_BY_JOINT = {"causes", "phase"}
 Checked: TypeAlias = TorqueReport | CheckedMotions
+"""Answer on one motion, or on many."""
 
 
 def _single_report(report: Checked) -> TorqueReport:
+    """The report itself, for outputs of one motion only."""
     assert isinstance(report, TorqueReport), "files of one motion are refused for many"
     return report
 
 
 def _to_csv(report: Checked, path: str) -> Path:
+    """Write a CSV file; of one motion with the causes of the torques."""
     if isinstance(report, TorqueReport):
         return report.to_csv(path, split=True)
     return report.to_csv(path)
 
 
 def _require_mcap() -> None:
+    """Raise if the libraries of ``--mcap`` are not installed."""
     from ..reports.recordings.mcap import require_mcap
 
     require_mcap()
 
 
 def _require_rerun() -> None:
+    """Raise if the library of ``--rerun`` is not installed."""
     from ..reports.recordings.rerun_file import require_rerun
 
     require_rerun()
@@ -99,11 +104,12 @@ def torques_command(
         _check_picture(outputs, robot, kind, joints)
         return _with_picture(_at_rest(robot, log, {**asked, "why": why}), outputs, kind, joints)
     path = log.path(robot)
-    typed = log.trajectory or ""
-    paths = expanded_paths(typed if path == Path(typed) else path)  # of the bundled motion, the path is not typed
+    is_typed = path == Path(log.trajectory)  # False for the bundled motion
+    paths = expanded_paths(log.trajectory if is_typed else path)
     has_many_motions = paths != [str(path)]
     if has_many_motions or workers is not None or scheduler is not None:
-        if why or not {*outputs.flags} <= {"--csv", "--json", "--report"}:
+        flags_of_one_motion = set(outputs.flags) - {"--csv", "--json", "--report"}
+        if why or flags_of_one_motion:
             raise ValueRangeError(
                 "--plot, --why, --mcap and --rerun are of one motion. Give one file, and no --workers."
             )
@@ -124,7 +130,7 @@ def _with_picture(
     """The report itself, after the picture of --plot is set to a kind and joints."""
     if kind == "motors" and not report.motors:
         raise ValueRangeError("--kind motors: the actuator file describes no motor.")
-    outputs.written_by("--plot", lambda answer, to: _plot(_single_report(answer), kind, to, joints))
+    outputs.written_by("--plot", lambda answer, path: _plot(_single_report(answer), kind, path, joints))
     return report
 
 
@@ -178,13 +184,10 @@ class BatchTorques:
     logs: tuple[str, ...]
 
     def answer(self, path: str) -> CheckedMotion:
-        """Line of the motion in a file; messages of another process name options, as those of the command do."""
+        """Line of the motion in a file; messages name options of the command, in other processes too."""
         with words_of_the_shell():
-            return self._answer(path)
-
-    def _answer(self, path: str) -> CheckedMotion:
-        report = answer_of(self.robot, self.log, self.asked, Path(path), self.logs)
-        return CheckedMotion.from_report(path, report)
+            report = answer_of(self.robot, self.log, self.asked, Path(path), self.logs)
+            return CheckedMotion.from_report(path, report)
 
 
 def answer_of(
@@ -198,6 +201,6 @@ def answer_of(
 ) -> TorqueReport:
     """Answer of :func:`~twistwrench.check` on the motion in a file; ``logs`` are all files of a batch."""
     stands = bool({"feet", "wheels", "casters"} & asked.keys())
-    arm, motion = shared.open_motion(robot, log, path, logs, stands=stands)
-    shared.refuse_motor_side(robot, arm, "torques")
-    return check(arm, motion, progress=progress, **asked)
+    loaded_robot, motion = shared.open_motion(robot, log, path, logs, stands=stands)
+    shared.refuse_motor_side(robot, loaded_robot, "torques")
+    return check(loaded_robot, motion, progress=progress, **asked)

@@ -83,9 +83,9 @@ class TaskState(NamedTuple):
 _SUBGROUP_ROWS = (
     frozenset((0, 1, 2, 3, 4, 5)),  # all motions
     frozenset((0, 1, 2)),  # rotations
-    frozenset((0, 4, 5)),  # planar motions, perpendicular to x, y and z
-    frozenset((1, 3, 5)),
-    frozenset((2, 3, 4)),
+    frozenset((0, 4, 5)),  # planar motions perpendicular to x
+    frozenset((1, 3, 5)),  # to y
+    frozenset((2, 3, 4)),  # to z
 )
 """Sets of twist rows whose motions are a subgroup of SE(3), so that motions on these rows correct any error on them."""
 
@@ -156,7 +156,8 @@ class TaskLaw:
         >>> law.task(0.0, [0, 0.5, 1], [0, 0, 0]).error.round(12).tolist()
         [0.0, 0.0]
         """
-        robot, rows = self.robot, list(self._rows)
+        robot = self.robot
+        rows = list(self._rows)
         q, dq = one_state(robot, type(self).__name__, q, dq)
         T, J = robot.forward_kinematics(q, self.frame), robot.jacobian(q, self.frame, self.kind)
         compute_errors = body_errors if self.kind == "body" else world_errors

@@ -81,7 +81,8 @@ def read_subject(
     content = text if file is None else file
     loaded_model, errors = _load_with_errors(content, floating_base, model, max_bodies)
     if file is None:
-        root, data = parse(text, max_bodies=max_bodies), b""
+        root = parse(text, max_bodies=max_bodies)
+        data = b""
     else:
         root, data = file.root, file.data
     parsed_file = parse_elements(root, loaded_model, _solid_reader(path, meshes), path)

@@ -40,7 +40,10 @@ if TYPE_CHECKING:
     from ..core.answers.page import Picture, Setting, Viewer
     from ..statics.clearance import PathClearance
 
-_MIN_CHECKED_INSTANTS = 2001  # minimum number of instants at which the finished motion is evaluated
+_MIN_CHECKED_INSTANTS = 2001
+"""Smallest number of instants at which the finished motion is evaluated."""
+_MIN_INTERVALS = 6
+"""Smallest number of intervals between samples of a motion."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,8 +113,8 @@ class ExcitingMotion(Answer):
     @cached_property
     def motion(self) -> Motion:
         """Samples of the motion for ``torques``, ``view`` and ``simulate``."""
-        count = max(6, round(self.duration / self.step))
-        t = np.linspace(0.0, self.duration, count + 1)
+        interval_count = max(_MIN_INTERVALS, round(self.duration / self.step))
+        t = np.linspace(0.0, self.duration, interval_count + 1)
         return Motion(t, *self(t), robot=self.robot, in_seconds=True, friction=True, plan=True)
 
     @cached_property
@@ -132,7 +135,7 @@ class ExcitingMotion(Answer):
 
     @cached_property
     def shares_of_prior(self) -> Array:
-        """(r,) predicted deviations divided by those of the prior, the largest plausible sizes of the base parameters."""
+        """(r,) predicted deviations divided by the prior's, the largest plausible sizes of the base parameters."""
         return self.predicted_deviations / self.information.prior
 
     @property
@@ -203,8 +206,8 @@ class ExcitingMotion(Answer):
             if distance <= 0.0:
                 obstacle = name.replace("floor", "the floor")
                 reasons.append(f"it comes to {number(1000.0 * distance)} mm from {obstacle}")
-        own = Verdict.from_reasons(unsure=reasons)
-        return own if self.clearance is None else own.joined(self.clearance.verdict)
+        verdict = Verdict.from_reasons(unsure=reasons)
+        return verdict if self.clearance is None else verdict.joined(self.clearance.verdict)
 
     # ── The answer on every surface
 
@@ -317,9 +320,12 @@ class ExcitingMotion(Answer):
 
 # ── Exciting trajectories: motions that determine the base parameters best within all limits
 
-_NOISE_SHARE = 0.01  # default noise of a joint's torque, as a share of its limit
+_NOISE_SHARE = 0.01
+"""Default noise of a joint's torque, as a share of its limit."""
 _MAX_HARMONICS = 50
-_MIN_SAMPLES = 20  # minimum number of samples of a motion
+"""Largest number of harmonics."""
+_MIN_SAMPLES = 20
+"""Smallest number of samples that a motion must have for its step to be accepted."""
 
 
 def exciting_trajectory(
@@ -410,24 +416,25 @@ def exciting_trajectory(
     refuse_couplings(robot.model, "exciting_trajectory")
     unknown = UnknownParameters(robot, arguments.flag(motor_inertia, "motor_inertia"), tuple(friction))
     rng = arguments.generator(seed, "seed")
-    series = WindowedFourierSeries(
-        arguments.positive(duration, "duration", "s"), arguments.whole(harmonics, "harmonics")
-    )
+    duration = arguments.positive(duration, "duration", "s")
+    series = WindowedFourierSeries(duration, arguments.whole(harmonics, "harmonics"))
     if series.harmonics > _MAX_HARMONICS:
         raise ValueRangeError(f"harmonics is {series.harmonics}: give {_MAX_HARMONICS} at most.")
     bounds = _bounds(robot, share, velocity, acceleration, effort)
-    speed = np.full(robot.nv, check_speed(arguments.number(friction_speed, "friction_speed")))
+    friction_speed = check_speed(arguments.number(friction_speed, "friction_speed"))
+    friction_speeds = np.full(robot.nv, friction_speed)
     if criterion not in CRITERIA:
         raise UnknownNameError.from_choices("criterion", criterion, CRITERIA)
     base = BaseParameters.from_unknowns(unknown)
-    typical, middle = typical_sizes(robot, bounds, series)
-    _, typical_velocity, typical_acceleration = typical
+    typical_motion, middle = typical_sizes(robot, bounds, series)
+    _, typical_velocity, typical_acceleration = typical_motion
     torque_noise = _torque_noise(robot, noise)
     typical_torque = np.where(np.isfinite(bounds.effort), bounds.effort, torque_noise / _NOISE_SHARE)
     prior = base.weak_sizes(unknown.scales(typical_torque, typical_velocity, typical_acceleration))
-    information = MotionInformation(base, torque_noise, speed, series.duration, prior, criterion)
-    constraints = TrajectoryConstraints(robot, bounds, speed, _capsules(robot, floor, clear_of_itself), clear)
-    search = MotionSearch(series, information, constraints, typical, middle)
+    information = MotionInformation(base, torque_noise, friction_speeds, series.duration, prior, criterion)
+    capsules = _capsules(robot, floor, clear_of_itself)
+    constraints = TrajectoryConstraints(robot, bounds, friction_speeds, capsules, clear)
+    search = MotionSearch(series, information, constraints, typical_motion, middle)
     search_count = arguments.whole(restarts, "restarts")
     step = arguments.positive(step, "step", "s")
     if step > series.duration / _MIN_SAMPLES:
@@ -477,8 +484,9 @@ def _capsules(robot: Robot, floor: float | None, clear_of_itself: bool) -> Capsu
     height = None if floor is None else arguments.number(floor, "floor")
     if height is not None and not np.isfinite(height):
         raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
-    itself = arguments.flag(clear_of_itself, "clear_of_itself")
-    return CapsuleDistances.from_capsules(robot, LinkCapsules.from_robot(robot), floor=height, itself=itself)
+    checks_links = arguments.flag(clear_of_itself, "clear_of_itself")
+    capsules = LinkCapsules.from_robot(robot)
+    return CapsuleDistances.from_capsules(robot, capsules, floor=height, itself=checks_links)
 
 
 def _bounds(
@@ -491,19 +499,22 @@ def _bounds(
     """Limits of the search; each joint must have at least one limit that bounds its range."""
     if not arguments.positive(share, "share") <= 1.0:
         raise ValueRangeError(f"share is {printed(share)}: give a share of the robot's limits, above 0 and at most 1.")
-    bounds = shared_bounds(bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort), share)
+    full_bounds = bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort)
+    bounds = shared_bounds(full_bounds, share)
     names = robot.model.velocity_names
     is_fixed = (bounds.upper - bounds.lower <= 0) | (bounds.velocity <= 0) | (bounds.effort <= 0)
     if is_fixed.any():
+        first_fixed = names[int(is_fixed.argmax())]
         raise ValueRangeError(
-            f"joint {names[int(is_fixed.argmax())]!r} has no room to move: its limits of position are one, or another is 0. "
+            f"joint {first_fixed!r} has no room to move: its limits of position are one, or another is 0. "
             "Lock it: robot.lock({name: position})."
         )
     has_no_range = ~np.isfinite(bounds.upper - bounds.lower)
     is_unlimited = has_no_range & np.isinf(bounds.velocity) & np.isinf(bounds.acceleration)
     if is_unlimited.any():
+        first_unlimited = names[int(is_unlimited.argmax())]
         raise ValueRangeError(
-            f"nothing limits how far and how fast joint {names[int(is_unlimited.argmax())]!r} of {robot.name!r} moves. Give "
+            f"nothing limits how far and how fast joint {first_unlimited!r} of {robot.name!r} moves. Give "
             f"{argument('acceleration')}, or limits of velocity in its file."
         )
     return bounds

@@ -188,12 +188,19 @@ _MAX_CHANCE_GAIN = 6.0
 chance once in 70 times. This product is twice a log-likelihood ratio, χ² distributed with one degree of freedom (Wilks
 1938)."""
 
+_MIN_TYPICAL_SIZE = 1e-6
+"""Smallest typical size, so that quotients stay finite."""
+_MIN_SHARE_OF_MEDIAN = 1e-2
+"""Smallest typical size of a joint, relative to the median of all joints."""
+_TINY_SQUARE = 1e-300
+"""Sum of squared residuals in place of 0, for its logarithm."""
+
 
 def _typical_sizes(x: Array) -> Array:
     """(nv,) root mean squares of columns x (m, nv), but at least 1 % of the median of all joints, and above 0."""
     rms = np.sqrt((x**2).mean(axis=0))
-    median = max(float(np.median(rms)), 1e-6)
-    return np.maximum(rms, 1e-2 * median)
+    median = max(float(np.median(rms)), _MIN_TYPICAL_SIZE)
+    return np.maximum(rms, _MIN_SHARE_OF_MEDIAN * median)
 
 
 def _report_sweep(progress: Callable[[float], None], sweep: int, done_share: float) -> None:
@@ -395,7 +402,7 @@ class SettingRows:
         squares = np.zeros(len(self.dead))  # of the residuals of each joint
         for fifth, x in self._fits(FitSettings(cutoff, np.array(speeds), shift), prior, blocks):
             squares = squares + fifth.squares(x)
-        return float(np.log(np.maximum(squares, 1e-300)).sum())
+        return float(np.log(np.maximum(squares, _TINY_SQUARE)).sum())
 
     @cached_property
     def _torques(self) -> list[tuple[Array, Array]]:
@@ -450,11 +457,12 @@ class SettingRows:
             is_in_block = fold == block
             residual = tau[is_in_block] - judged.known[is_in_block] - W[is_in_block] @ x
             squares += (residual**2).sum(axis=0)
-        return float(np.log(np.maximum(squares[~self.dead], 1e-300)).sum())
+        return float(np.log(np.maximum(squares[~self.dead], _TINY_SQUARE)).sum())
 
     def _with_speeds(self, judged: JudgedStates, friction_speed: Array) -> Array:
         """(m, nv, r) columns of states with other friction speeds than the usual ones."""
-        W, unknown = judged.W.copy(), self.base.unknown
+        W = judged.W.copy()
+        unknown = self.base.unknown
         for column, joints in self.coulomb:
             k = int(self.base.kept[column])  # index of the column among all unknown parameters
             friction = [unknown.drives([k], states.dq, states.ddq, friction_speed) for states in judged.states]

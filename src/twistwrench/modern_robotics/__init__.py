@@ -42,8 +42,10 @@ __all__ = [
 
 DISTANCE_OF_MIRRORED = 1e9
 """Distance returned for a matrix with non-positive determinant."""
-STEPS = 20
+MAX_NEWTON_STEPS = 20
 """Maximum number of Newton steps of inverse kinematics, as in the book's package."""
+_NEGLIGIBLE_SHARE = 1e-3
+"""Largest entry of a half turn's logarithm, divided by π, that does not decide its sign."""
 
 
 @named(lambda R: np.swapaxes(R, -1, -2).copy(), "section 3.2.1", "", real(3, 3))
@@ -88,12 +90,13 @@ def _signed_log(R: Array, w: Array) -> Array:
         return w
     # Only half turns and the identity are symmetric; |w| is π or 0, so any threshold between tells them apart.
     is_symmetric = np.all(np.swapaxes(R, -1, -2) == R, axis=(-1, -2))
-    half = is_symmetric & (np.sum(w * w, axis=-1) > 1.0)
-    if np.any(half):
-        not_negligible = np.abs(w) > 1e-3 * np.pi
+    is_half_turn = is_symmetric & (np.sum(w * w, axis=-1) > 1.0)
+    if np.any(is_half_turn):
+        not_negligible = np.abs(w) > _NEGLIGIBLE_SHARE * np.pi
         x, y, z = np.moveaxis(np.where(not_negligible, w, 0.0), -1, 0)
-        last = np.where(z != 0, z, np.where(y != 0, y, x))
-        w = np.where((half & (last < 0))[..., None], -w, w)
+        last_of_two = np.where(y != 0, y, x)
+        last_entry = np.where(z != 0, z, last_of_two)
+        w = np.where((is_half_turn & (last_entry < 0))[..., None], -w, w)
     return w
 
 
@@ -120,6 +123,7 @@ def TransToRp(T: ArrayLike) -> tuple[Array, Array]:
 
 
 def _inverse(T: Array) -> Array:
+    """Inverse of poses (..., 4, 4)."""
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
     return se3.pose(Rt, -(Rt @ T[..., :3, 3, None])[..., 0])
 
@@ -140,16 +144,18 @@ def se3ToVec(se3mat: ArrayLike) -> Twists:
 
 
 def _adjoint(T: Array) -> Array:
+    """Adjoint matrices (..., 6, 6) of poses."""
     R = T[..., :3, :3]
     return _blocks(R, so3.hat(T[..., :3, 3]) @ R)
 
 
 def _blocks(diagonal: Array, below: Array) -> Array:
     """Matrix (..., 6, 6) with the block ``diagonal`` twice and the block ``below`` under it: [D, 0; B, D]."""
-    out = np.zeros((*diagonal.shape[:-2], 6, 6), diagonal.dtype)
-    out[..., :3, :3] = out[..., 3:, 3:] = diagonal
-    out[..., 3:, :3] = below
-    return out
+    matrix = np.zeros((*diagonal.shape[:-2], 6, 6), diagonal.dtype)
+    matrix[..., :3, :3] = diagonal
+    matrix[..., 3:, 3:] = diagonal
+    matrix[..., 3:, :3] = below
+    return matrix
 
 
 @named(_adjoint, "eq. 3.83", "AdT : (..., 6, 6) array", real(4, 4))
@@ -157,9 +163,12 @@ def Adjoint(T: ArrayLike) -> Array:
     """Adjoint matrix of a pose, [Ad_T] = [R, 0; [p] R, R]; ``tw.Ad(T)`` applies it without forming it."""
 
 
-@named(
-    lambda V: _blocks(so3.hat(V[..., :3]), so3.hat(V[..., 3:])), "definition 8.5", "adV : (..., 6, 6) array", real(6)
-)
+def _bracket_matrix(V: Array) -> Array:
+    """Matrices (..., 6, 6) of the Lie bracket with twists."""
+    return _blocks(so3.hat(V[..., :3]), so3.hat(V[..., 3:]))
+
+
+@named(_bracket_matrix, "definition 8.5", "adV : (..., 6, 6) array", real(6))
 def ad(V: ArrayLike) -> Array:
     """Matrix of the Lie bracket with a twist, [ad_V] = [[omega], 0; [v], [omega]]."""
 
@@ -195,7 +204,7 @@ def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
     """
     V = arguments.real(expc6, "expc6", 6)
     angle = _length(V[..., :3])
-    theta = np.where(angle > 0, angle, _length(V[..., 3:]))[()]
+    theta = np.where(angle > 0, angle, _length(V[..., 3:]))[()]  # [()]: a scalar for a single vector
     return _unit(V, theta), theta
 
 
@@ -245,7 +254,9 @@ def NearZero(z: ArrayLike) -> Any:
     -------
     near : (...) array of bool
     """
-    return abs(z) < 1e-6 if type(z) is float else np.abs(arguments.real(z, "z")) < 1e-6
+    if type(z) is float:  # NumPy is slower for a single number
+        return abs(z) < 1e-6
+    return np.abs(arguments.real(z, "z")) < 1e-6
 
 
 def Normalize(V: ArrayLike) -> Array:
@@ -277,6 +288,7 @@ def ProjectToSO3(mat: ArrayLike) -> Rotations:
 
 
 def _nearest_pose(T: Array) -> Array:
+    """Nearest poses to matrices (..., 4, 4)."""
     return se3.pose(so3.project(T[..., :3, :3], np.inf), T[..., :3, 3])
 
 
@@ -286,7 +298,7 @@ def ProjectToSE3(mat: ArrayLike) -> Poses:
 
 
 def _distance(R: Array, last_row_error: Array | None = None) -> Any:
-    """Frobenius norm of R'R - 1, together with the error (..., 4) of the last row of a pose."""
+    """Frobenius norm of R'R - 1; for a pose, with the error (..., 4) of its last row. Mirrored: DISTANCE_OF_MIRRORED."""
     error = np.swapaxes(R, -1, -2) @ R - np.eye(3)
     square = np.sum(error * error, axis=(-1, -2))
     if last_row_error is not None:
@@ -295,6 +307,7 @@ def _distance(R: Array, last_row_error: Array | None = None) -> Any:
 
 
 def _pose_distance(T: Array) -> Any:
+    """Distances (...) of matrices (..., 4, 4) to SE(3)."""
     last_row_error = T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0])
     return _distance(T[..., :3, :3], last_row_error)
 
@@ -306,7 +319,7 @@ def DistanceToSO3(mat: ArrayLike) -> Any:
 
 @named(_pose_distance, "section 3.3", "distance : (...) array, 1e9 if the determinant is not positive", real(4, 4))
 def DistanceToSE3(mat: ArrayLike) -> Any:
-    """Distance of a 4×4 matrix to SE(3): that of its upper left block to SO(3), with the error of the last row."""
+    """Distance of a 4×4 matrix to SE(3): distance of its upper left block to SO(3), with the error of the last row."""
 
 
 @named(lambda R: _distance(R) < 1e-3, "section 3.2", "answer : (...) array of bool", real(3, 3))
@@ -401,7 +414,7 @@ def _newton(
         return bool(np.linalg.norm(V[:3]) <= eomg and np.linalg.norm(V[3:]) <= ev)
 
     V = twist_error(theta)
-    for _ in range(STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         if is_small(V):
             break
         theta = theta + np.linalg.pinv(jacobian(theta)) @ V
@@ -410,10 +423,13 @@ def _newton(
 
 
 def _finite_pose(T: ArrayLike, name: str) -> Array:
-    return pose(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
+    """One pose (4, 4) of finite numbers; raises an error that names the argument."""
+    matrix = arguments.one(T, name, 4, 4)
+    return pose(arguments.finite(matrix, name, 4, 4), name)
 
 
 def _error_bound(value: float, name: str) -> float:
+    """Largest allowed error of inverse kinematics, 0 or more; raises ValueRangeError that names the argument."""
     bound = arguments.number(value, name)
     if not bound >= 0:  # also for NaN
         raise ValueRangeError(f"{name} is {value!r}: what may be left is 0 or more, such as 1e-6.")
@@ -516,7 +532,8 @@ def ForwardDynamicsTrajectory(
     """
     chain = chain_of(Mlist, Glist, Slist)
     q, dq = _initial_state(chain, thetalist, dthetalist)
-    tau, gravity = _joint_rows(chain, taumat, "taumat"), arguments.one(g, "g", 3)
+    tau = _joint_rows(chain, taumat, "taumat")
+    gravity = arguments.one(g, "g", 3)
     dt = arguments.number(dt, "dt")
     F = _tip_wrenches(Ftipmat, len(tau))
     steps = arguments.whole(intRes, "intRes")
@@ -561,8 +578,8 @@ def _motion_matrices(chain: Chain, **matrices: ArrayLike) -> dict[str, Array]:
     rows_by_name = {name: _joint_rows(chain, matrix, name) for name, matrix in matrices.items()}
     row_counts = {len(rows) for rows in rows_by_name.values()}
     if len(row_counts) > 1:
-        listed = ", ".join(f"{name} {rows.shape}" for name, rows in rows_by_name.items())
-        raise ShapeError(f"the matrices of one motion need as many rows as each other: {listed}.")
+        shapes = ", ".join(f"{name} {rows.shape}" for name, rows in rows_by_name.items())
+        raise ShapeError(f"the matrices of one motion need as many rows as each other: {shapes}.")
     return rows_by_name
 
 
@@ -631,7 +648,8 @@ def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, met
     """
     start, end = _end_poses(Xstart, Xend)
     V = _twist(se3.inverse(start) @ end)
-    return list(PosePath(start, end, straight=False, twist=V)(_path_parameters(Tf, N, method)))
+    path = PosePath(start, end, straight=False, twist=V)
+    return list(path(_path_parameters(Tf, N, method)))
 
 
 def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
@@ -643,12 +661,14 @@ def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float,
     """
     start, end = _end_poses(Xstart, Xend)
     rotation_from_start = np.swapaxes(start[:3, :3], -1, -2) @ end[:3, :3]
-    w = _twist(se3.pose(rotation_from_start, np.zeros(3)))[:3]
-    twist = np.concatenate([w, end[:3, 3] - start[:3, 3]])
-    return list(PosePath(start, end, straight=True, twist=twist)(_path_parameters(Tf, N, method)))
+    rotation_twist = _twist(se3.pose(rotation_from_start, np.zeros(3)))
+    twist = np.concatenate([rotation_twist[:3], end[:3, 3] - start[:3, 3]])
+    path = PosePath(start, end, straight=True, twist=twist)
+    return list(path(_path_parameters(Tf, N, method)))
 
 
 def _end_poses(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:
+    """First and last pose (4, 4) of a trajectory; raises ShapeError for more than one of each."""
     start, end = pose(Xstart, "Xstart"), pose(Xend, "Xend")
     if start.shape != (4, 4) or end.shape != (4, 4):
         raise ShapeError(f"Xstart has shape {start.shape}, Xend {end.shape}: expected two poses, (4, 4).")
@@ -690,17 +710,18 @@ def ComputedTorque(
 
 def _gains(chain: Chain, **gains: ArrayLike) -> list[Array]:
     """Each gain as a number, or as a vector with one for each joint."""
-    checked: list[Array] = []
+    gain_arrays: list[Array] = []
     for name, K in gains.items():
         shape = (chain.n,) if np.ndim(K) else ()
-        checked.append(arguments.one(K, name, *shape))
-    return checked
+        gain_arrays.append(arguments.one(K, name, *shape))
+    return gain_arrays
 
 
 def _computed_torque(
     chain: Chain, g: Array, q: Array, dq: Array, eint: Array, q_d: Array, dq_d: Array, ddq_d: Array,
     Kp: Array, Ki: Array, Kd: Array,
 ) -> Array:  # fmt: skip
+    """Control law of :func:`ComputedTorque` on checked arguments."""
     e = q_d - q
     ddq = ddq_d + Kp * e + Ki * (eint + e) + Kd * (dq_d - dq)
     return chain.run("inverse_dynamics", thetalist=q, dthetalist=dq, ddthetalist=ddq, Ftip=np.zeros(6), g=g)
@@ -732,7 +753,8 @@ def SimulateControl(
     gains = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd)
     reference = _motion_matrices(robot, thetamatd=thetamatd, dthetamatd=dthetamatd, ddthetamatd=ddthetamatd)
     q_d = reference["thetamatd"]
-    dt, steps = arguments.number(dt, "dt"), arguments.whole(intRes, "intRes")
+    dt = arguments.number(dt, "dt")
+    steps = arguments.whole(intRes, "intRes")
     F = _tip_wrenches(Ftipmat, len(q_d))
     gravity, model_gravity = arguments.one(g, "g", 3), arguments.one(gtilde, "gtilde", 3)
     taumat, thetamat = _closed_loop(
@@ -758,8 +780,8 @@ def _closed_loop(
     return taumat, thetamat
 
 
-def _plot_joint_angles(t: Array, actual: Array, wanted: Array) -> None:
-    """Plot the joint angles (N, n) with the wanted ones dotted."""
+def _plot_joint_angles(t: Array, actual: Array, reference: Array) -> None:
+    """Plot the joint angles (N, n), with the reference dotted."""
     try:
         import matplotlib.pyplot as plt
     except ImportError:
@@ -767,7 +789,7 @@ def _plot_joint_angles(t: Array, actual: Array, wanted: Array) -> None:
     _, axes = plt.subplots()
     for i in range(actual.shape[1]):
         (line,) = axes.plot(t, actual[:, i], label=f"theta{i + 1}")
-        axes.plot(t, wanted[:, i], ":", color=line.get_color(), label=f"theta{i + 1} wanted")
+        axes.plot(t, reference[:, i], ":", color=line.get_color(), label=f"theta{i + 1} wanted")
     axes.set(xlabel="time [s]", ylabel="joint angle [rad]", title="Actual and wanted joint angles")
     axes.legend(loc="upper left")
     plt.show()

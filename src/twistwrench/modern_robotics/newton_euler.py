@@ -163,7 +163,8 @@ def newton_euler(
     T = joint_poses(model, q)
     Adq, Addq = spread(model, dq), spread(model, ddq)  # A dq and A ddq of each body
     V, dV, F = np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, 6))
-    V_base, dV_base = np.zeros(6), np.concatenate([np.zeros(3), -model.gravity])
+    V_base = np.zeros(6)
+    dV_base = np.concatenate([np.zeros(3), -model.gravity])
     for i, p in outward(model):
         V_p, dV_p = (V_base, dV_base) if p == BASE else (V[p], dV[p])
         Ad_ip = Ad(T[i]).inverse

@@ -203,18 +203,16 @@ def check(
     degrees_in_report = degrees or log.columns.has_degrees  # of the file, before a support replaces the log
     loads = {"payloads": payloads_of(payload), "wrenches": _wrench_arrays(wrench_on_robot), "friction": friction}
     case, log = question.case(robot, log, loads)
-    robot = case.robot
-    used_limits = limits_file.limits_of(limits, robot.model, degrees=degrees)
-    plan_duration = _SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION
-    steps = Steps(progress, (plan_duration, 1.0))
-    differentiation = Differentiation.plan(log, robot.model, smoothing=smooth, progress=steps.next())
+    used_limits = limits_file.limits_of(limits, case.robot.model, degrees=degrees)
+    steps = Steps(progress, (_SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION, 1.0))
+    differentiation = Differentiation.plan(log, case.robot.model, smoothing=smooth, progress=steps.next())
     refuse_unused_srdf(clearance, srdf)
     report = analyse(with_limits(case, used_limits), differentiation, used_limits, progress=steps.next())
     configurations = ((s.time, s.q) for s in differentiation.states(_SLICE_ROWS))
     return replace(
         report,
         causes=measured_causes(report, log),
-        clearance=clearance_along(robot, configurations, clearance, srdf),
+        clearance=clearance_along(case.robot, configurations, clearance, srdf),
         held=question.answers(report),
         degrees=degrees_in_report,
         with_why=why,

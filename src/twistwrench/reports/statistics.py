@@ -252,9 +252,8 @@ class Bins(NamedTuple):
         Values lie between ``lower`` and ``upper`` (n, columns).
         """
         rows_per_bin = stride_of(count, 2 * bins)
-        starts = np.arange(-(first % rows_per_bin), len(time), rows_per_bin).clip(
-            min=0
-        )  # the first bin may begin before
+        first_start = -(first % rows_per_bin)  # the first bin may begin before the first row
+        starts = np.arange(first_start, len(time), rows_per_bin).clip(min=0)
         least = np.minimum.reduceat(lower, starts)
         greatest = np.maximum.reduceat(upper, starts)
         return cls((first + starts) // rows_per_bin, time[starts], least, greatest)
@@ -493,7 +492,8 @@ class PeakBootstrap:
         t = motion.time
         true_curves = d.smooth(t, d.curves(motion))
         curve_count = true_curves.shape[1]
-        draw_count = min(_MAX_DRAWS, max(_MIN_DRAWS, _MAX_DRAWN_CURVES // max(1, curve_count)))
+        affordable_count = _MAX_DRAWN_CURVES // max(1, curve_count)
+        draw_count = min(_MAX_DRAWS, max(_MIN_DRAWS, affordable_count))
         true_rates, true_second_rates = spline_rates(t, true_curves)
         true_near_peak = [x[near_peak, :, None] for x in (true_curves, true_rates, true_second_rates)]
         true_torques, _ = self._torques(motion, near_peak, true_near_peak)

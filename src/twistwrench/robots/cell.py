@@ -109,7 +109,8 @@ class PlacedRobot:
         if not is_robot and prefix is not None:
             path_with_colon = f"{file}:{prefix}"
             if Path(path_with_colon).exists():
-                file, prefix = path_with_colon, None
+                file = path_with_colon
+                prefix = None
         T = None
         if pose_text is not None:
             T = _pose(pose_text, text, degrees=degrees)

@@ -234,7 +234,8 @@ def _known_sensor(
         known = SensorFile(sensor.sensor, sensor.noise, sensor.uncertainty)
     elif isinstance(sensor, str | Path):
         path = sensor_path(sensor)
-        known, files = read_sensor_file(path), {"SENSOR": path}
+        known = read_sensor_file(path)
+        files = {"SENSOR": path}
     else:
         raise ShapeError(
             "compensate takes a ForceTorqueSensor, an Identification or the path of a sensor file, got "
@@ -281,14 +282,15 @@ def _test_residuals(
     if lacks_inertia:
         moment_test = CollisionThreshold.of_noise(tuple(deviation), FALSE_ALARM_RATE, axes=slice(0, 3))
         inertia_shows = moment_test(rest).mean() > MIN_SHARE_OF_UNKNOWN_INERTIA
-        refuses = inertia_shows and threshold is None
-        notes.append(doubt("sensor-file-inertia", level="refuse" if refuses else None))
+        level = "refuse" if inertia_shows and threshold is None else None  # None: the level of the kind
+        notes.append(doubt("sensor-file-inertia", level=level))
     doubts = _mismatch_doubts(
         log, sensor, noise, rest, is_outlier=is_outlier, deviation=deviation, tested_axes=tested_axes
     )
     reading_variance = np.diagonal(S_with_model_error, axis1=-2, axis2=-1)
     sigma = np.sqrt(np.broadcast_to(reading_variance, rest.shape))
-    departure_doubt = departure(log, sensor, rest, sigma, outlier_test if threshold is None else threshold)
+    departure_test = outlier_test if threshold is None else threshold
+    departure_doubt = departure(log, sensor, rest, sigma, departure_test)
     has_cause = any(mismatch.kind in _NAMED_CAUSES for mismatch in doubts)
     if departure_doubt and not has_cause:
         doubts = [departure_doubt]
@@ -394,7 +396,7 @@ def _mismatch_doubts(
     ``deviation`` (2,) holds the standard deviations of moments and forces by noise and model error.
     """
     moment_deviation, force_deviation = deviation
-    tested_quantities = [("forces", "N", slice(3, 6), force_deviation)]
+    tested_quantities = [("forces", "N", slice(3, 6), force_deviation)]  # name, unit, columns, standard deviation
     if tested_axes.start == 0:
         tested_quantities.insert(0, ("moments", "N m", slice(0, 3), moment_deviation))
     evidence = []

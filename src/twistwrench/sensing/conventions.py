@@ -63,7 +63,8 @@ class Diagnosis:
         sign = spell(Argument("sign", self.sign))
         if not self.turn:
             return sign
-        angle = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
+        rotation_vector = so3.log(self.fit.mounting)
+        angle = math.degrees(float(np.linalg.norm(rotation_vector)))
         unknown_mounting = spell(Argument("assume", "orientation"))
         return f"{sign} with {unknown_mounting} (turned by {number(angle, 3)}°)"
 
@@ -158,6 +159,12 @@ def _residual_variance(fit: Fit, rows: Array, scale: Array) -> tuple[float, floa
     return float(((fit.residuals[rows] / scale) ** 2).sum()) / freedom, freedom
 
 
+_TINY_DEVIATION = 1e-12
+"""Standard deviation [N m or N] in place of 0, as a divisor."""
+_TINY_SUM = 1e-9
+"""Sum of squares in place of 0, for exact data."""
+
+
 def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
     """Fit with an estimated bias if it is significantly better than that with the given bias; else None.
 
@@ -171,12 +178,12 @@ def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
     if with_free_bias is None or with_free_bias.mass <= 0:
         return None
     rows = with_free_bias.kept & found.kept
-    scale = np.maximum(with_free_bias.fit.deviation[rows], 1e-12)  # above 0, as a divisor
+    scale = np.maximum(with_free_bias.fit.deviation[rows], _TINY_DEVIATION)
     free_sum = float(((with_free_bias.fit.residuals[rows] / scale) ** 2).sum())
     given_sum = float(((found.fit.residuals[rows] / scale) ** 2).sum())
     freedom = max(6.0 * rows.sum() - len(with_free_bias.fit.unknowns.names), 1.0)
     limit = float(special.fdtri(6.0, freedom, 1 - SIGNIFICANCE))
-    if (given_sum - free_sum) / 6 > limit * max(free_sum, 1e-9) / freedom:
+    if (given_sum - free_sum) / 6 > limit * max(free_sum, _TINY_SUM) / freedom:
         return with_free_bias
     return None
 

@@ -33,6 +33,18 @@ MIN_CLUSTERS = 6
 """Number of clusters below which the three channels of a kind share a variance."""
 MIN_NOISE_RATIO = 1e-3
 """Smallest ratio of a channel's excess variance to the largest of its kind, as a ratio of standard deviations."""
+_MIN_READING = 1e-3
+"""Size [N m or N] that is added to the largest reading, so that rounding errors of zeros are not zero."""
+_ROUNDING_SHARE = 1e-13
+"""Rounding error of a row, relative to the largest reading."""
+_SHARE_OF_EXACT_DATA = 1e-12
+"""Smallest deviation of residuals, relative to the largest, so that quotients stay finite with exact data."""
+_MIN_SHARE_OF_OWN_VARIANCE = 0.1
+"""Smallest variance of a row, relative to that within its dwell."""
+_TINY_FREEDOM = 1e-9
+"""Degrees of freedom in place of 0 or less."""
+_TINY_WEIGHT = 1e-300
+"""Sum of weights in place of 0, as a divisor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +159,7 @@ class Fit:
     def spread(self, rows: Array) -> Array:
         """Standard deviations (2,) of the residuals of moments and forces in some rows; always positive."""
         deviations = np.sqrt((self.residuals[rows].reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
-        least_deviation = 1e-12 * (1e-3 + np.abs(self.residuals).max())  # of exact data, so that quotients stay finite
+        least_deviation = _SHARE_OF_EXACT_DATA * (_MIN_READING + np.abs(self.residuals).max())
         return np.maximum(deviations, least_deviation)
 
 
@@ -172,8 +184,8 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
     groups = np.repeat([0, 1], 3) if few(problem.label[keep]) else np.arange(6)  # channels that share a variance
     inverse_count = 1.0 / problem.count[:, None]
     own_variance = problem.within * inverse_count
-    rounding_error = 1e-13 * (np.abs(target).max() + 1e-3)
-    min_variance = np.maximum(0.1 * own_variance, rounding_error**2)
+    rounding_error = _ROUNDING_SHARE * (np.abs(target).max() + _MIN_READING)
+    min_variance = np.maximum(_MIN_SHARE_OF_OWN_VARIANCE * own_variance, rounding_error**2)
     if problem.noise is None:
         v = np.tile(np.repeat([0.03**2, 1.0], 3), (len(log), 1))  # initial guess: 0.03 N m and 1 N
     else:
@@ -228,8 +240,10 @@ def _covariances(
 
     ``root`` is the root of the covariance for unit variances. ``residuals`` (m, 6) of the kept rows are whitened.
     """
-    p, load = len(x), problem.unknowns.load
-    m, h = load.start, slice(load.start + 1, load.start + 4)  # mass and first moment
+    p = len(x)
+    load = problem.unknowns.load
+    m = load.start  # index of the mass
+    h = slice(load.start + 1, load.start + 4)  # of the first moment
     rows = np.concatenate([root, root[h] * x[m] - np.outer(x[h], root[m])])  # unknowns, then m dh - h dm
     C, degrees_of_freedom = channel_covariance(Q, rows, freedom, groups)
     joint = C[:p, :p]
@@ -280,7 +294,7 @@ def _excess_variance(
     """Variance τ (6,) of rows in excess of ``own_variance`` (n, 6), and its degrees of freedom (6,)."""
     is_used = keep if huber else weight > 0
     row_freedom = is_used[:, None] * (1.0 - (Q * Q).sum(axis=2))  # 1 - leverage
-    freedom = np.maximum(_group_sums(row_freedom.sum(axis=0), groups), 1e-9)
+    freedom = np.maximum(_group_sums(row_freedom.sum(axis=0), groups), _TINY_FREEDOM)
     if huber:  # median: robust if up to half of the rows are outliers
         magnitudes = np.abs(residuals[keep])
         medians = np.median(magnitudes, axis=0)
@@ -293,11 +307,12 @@ def _excess_variance(
         weights = is_used[:, None] / v**2
         excess_squares = _group_sums((weights * (residuals**2 - own_variance * row_freedom)).sum(axis=0), groups)
         weighted_freedom = _group_sums((weights * row_freedom).sum(axis=0), groups)
-        tau = excess_squares / np.maximum(weighted_freedom, 1e-300)
+        tau = excess_squares / np.maximum(weighted_freedom, _TINY_WEIGHT)
     if own_variance.any():  # a channel has the noise within dwells, so τ needs no lower bound
         return tau, freedom
-    largest_of_kind = np.repeat(np.maximum(tau, 0.0).reshape(2, 3).max(axis=1), 3)
-    return np.maximum(tau, MIN_NOISE_RATIO**2 * largest_of_kind), freedom
+    largest_of_kinds = np.maximum(tau, 0.0).reshape(2, 3).max(axis=1)  # of moments and of forces
+    min_variance = MIN_NOISE_RATIO**2 * np.repeat(largest_of_kinds, 3)
+    return np.maximum(tau, min_variance), freedom
 
 
 def _group_sums(x: Array, groups: Array) -> Array:

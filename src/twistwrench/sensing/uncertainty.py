@@ -17,6 +17,10 @@ _SENSOR_KINDS = ("bias", "load", "inertia", "turn")
 """Kinds of unknowns of a sensor; drift, tilt and delay belong to one log."""
 _MAX_ASYMMETRY = 1e-6
 """Largest difference of mirrored entries of a covariance, as a share of the product of their standard deviations."""
+_ROUNDING = 1e-9
+"""Size of a negative eigenvalue of a correlation matrix that rounding explains."""
+_TINY_VARIANCE = 1e-300
+"""Variance in place of 0, as a divisor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,34 +40,34 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         p = len(self.unknowns)
-        if self._kinds.names != self.unknowns:
+        if self._kinds_of_names.names != self.unknowns:
             raise ValueRangeError(f"the unknowns {', '.join(self.unknowns)} are not those of a sensor.")
         shapes = {"covariance": (p, p), "freedom": (p,), "noise": (6,), "noise_freedom": (6,)}
         for name, shape in shapes.items():
-            x = np.asarray(getattr(self, name), float)
-            is_allowed = np.isfinite(x)
+            values = np.asarray(getattr(self, name), float)
+            is_allowed = np.isfinite(values)
             if name in ("freedom", "noise_freedom"):
-                is_allowed |= x == np.inf
-            bound = ""
+                is_allowed |= values == np.inf
+            range_text = ""
             if name != "covariance":
-                is_allowed &= x >= 0
-                bound = " from 0 on"
-            if x.shape != shape or not is_allowed.all():
-                raise ValueRangeError(f"{name} is not {shape} numbers{bound}.")
-            object.__setattr__(self, name, x)
+                is_allowed &= values >= 0
+                range_text = " from 0 on"
+            if values.shape != shape or not is_allowed.all():
+                raise ValueRangeError(f"{name} is not {shape} numbers{range_text}.")
+            object.__setattr__(self, name, values)
         if not (np.diagonal(self.covariance) > 0).all():
             raise ValueRangeError("covariance is not valid: a variance on its diagonal is not above 0.")
         scale = _deviation_products(self.covariance)
         if (np.abs(self.covariance - self.covariance.T) > _MAX_ASYMMETRY * scale).any():
             raise ValueRangeError("covariance is not valid: it is not symmetric.")
-        if p and np.linalg.eigvalsh(self.covariance / scale).min() < -1e-9:
+        if p and np.linalg.eigvalsh(self.covariance / scale).min() < -_ROUNDING:
             raise ValueRangeError("covariance is not valid: it has a negative eigenvalue.")
 
     @property
-    def _kinds(self) -> Unknowns:
-        """Unknowns with these names, by the first name of each kind; the load is always among them."""
+    def _kinds_of_names(self) -> Unknowns:
+        """Unknowns with the names of :attr:`unknowns`, found by the first name of each kind; the load is always among them."""
         names = set(self.unknowns)
-        return Unknowns(bias="bias mx" in names, inertia="Ixx" in names, turn="turn x" in names)
+        return Unknowns(bias="bias mx" in names, inertia="Ixx" in names, turn="turn values" in names)
 
     def predictive(self, log: ReadingLog, sensor: ForceTorqueSensor) -> Array:
         """Predictive covariance of compensated readings without contact: S = diag σ² + A C A'.
@@ -87,7 +91,7 @@ class Uncertainty:
         (12, 6, 6)
         """
         state = SensorState(np.asarray(sensor.mounting), load=sensor.load.parameters.astype(float))
-        A = self._kinds.design(log, sign_factor(sensor.sign), state)
+        A = self._kinds_of_names.design(log, sign_factor(sensor.sign), state)
         return np.asarray(np.diag(self.noise**2) + A @ self.covariance @ np.swapaxes(A, 1, 2))
 
 
@@ -103,5 +107,5 @@ def uncertainty_of(fit: Fit) -> Uncertainty:
 
 def _deviation_products(covariance: Array) -> Array:
     """Products (p, p) of the standard deviations of two unknowns."""
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    deviations = np.sqrt(np.maximum(np.diag(covariance), _TINY_VARIANCE))
     return np.outer(deviations, deviations)

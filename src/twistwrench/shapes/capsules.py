@@ -143,7 +143,8 @@ def link_solids(robot: Robot) -> tuple[list[list[Solid]], list[str]]:
     from .solids import LinkSolids, SolidReader
 
     model = robot.model
-    reader = SolidReader(MeshFiles(Path(model.source) if model.source else None))
+    file = Path(model.source) if model.source else None
+    reader = SolidReader(MeshFiles(file))
     described = {shapes.link: shapes for shapes in read_shapes(model)}
     # Links that the file with the shapes does not have count as links with mass.
     links_of_known_mass = described or model.link_inertias

@@ -31,6 +31,10 @@ _LENGTH_WEIGHT = 1e-3
 """Weight of an edge's length to the fourth power in the error of its collapse."""
 _MAX_FACES_OF_SOLID = 4000
 """Number of faces of a surface up to which its decimation is kept for the next call."""
+_GRID_SHARE = 1e-6
+"""Width of the grid on which equal vertices of a mesh coincide, as a share of its size."""
+_ROUNDED_DECIMALS = 12
+"""Decimals to which corners of a surface of revolution [m] are rounded before equal ones are merged."""
 _PACKING_WEIGHTS = np.array([1 << 42, 1 << 21, 1])
 """Weights that pack three integers below 2²¹ into one, since integers sort faster than rows."""
 
@@ -81,7 +85,8 @@ class Surface:
         """Surface after the collapse of at most ``max_collapses`` edges that are not near each other."""
         from scipy.sparse import coo_array
 
-        n, F = len(self.vertices), self.faces
+        n = len(self.vertices)
+        F = self.faces
         sides = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), axis=1)
         # an edge of the vertices a and b is the number a n + b
         edge_numbers, face_counts = np.unique(sides @ np.array([n, 1]), return_counts=True)
@@ -235,7 +240,8 @@ def revolved(profile: ArrayLike) -> Surface:
     triangles = ((corner, next_corner, next_above), (corner, next_above, above))
     faces = np.concatenate([np.stack(triangle, axis=-1).reshape(-1, 3) for triangle in triangles])
     # corners of a circle of radius zero are one vertex; they may differ by rounding errors
-    vertices, vertex_of_corner = np.unique(np.round(corners, 12), axis=0, return_inverse=True)
+    rounded_corners = np.round(corners, _ROUNDED_DECIMALS)
+    vertices, vertex_of_corner = np.unique(rounded_corners, axis=0, return_inverse=True)
     return _without_slivers(Surface(vertices, vertex_of_corner.reshape(-1)[faces]))
 
 
@@ -314,7 +320,7 @@ def _merge_vertices(surface: Surface) -> Surface:
         return Surface(finite_vertices, np.zeros((0, 3), int))
     low = finite_vertices.min(axis=0)
     size = float(np.ptp(finite_vertices, axis=0).max()) or 1.0  # 1 if all vertices are one point
-    grid_width = 1e-6 * size
+    grid_width = _GRID_SHARE * size
     offsets = np.where(is_finite[:, None], surface.vertices - low, 0.0)
     grid_points = np.round(offsets / grid_width).astype(np.int64)
     _, first_vertex, group = np.unique(grid_points @ _PACKING_WEIGHTS, return_index=True, return_inverse=True)

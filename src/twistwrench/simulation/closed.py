@@ -163,7 +163,8 @@ def _remark_on_lost(lost_from: Array) -> str:
     first_index: tuple[int, ...] = ()
     index_text = ""
     if lost_from.shape:
-        first_index = tuple(map(int, np.unravel_index(int(np.argmin(lost_from)), lost_from.shape)))
+        earliest = int(np.argmin(lost_from))  # in the flattened array
+        first_index = tuple(map(int, np.unravel_index(earliest, lost_from.shape)))
         index_text = f", first {first_index}"
     return (
         f"{np.isfinite(lost_from).sum()} of the motions lose rank of their constraints or leave them{index_text} before "

@@ -38,7 +38,7 @@ class PositionLimits:
     limits: Array
     """Position of each limit, (m,) [rad or m]."""
     tolerances: Array
-    """Tolerances (m,) [rad or m]."""
+    """Tolerance of each limit, (m,) [rad or m]."""
     coordinates: Array
     """Index in q of each limit's joint, (m,)."""
     velocities: Array
@@ -117,6 +117,8 @@ _SLOPE_INTERVAL = 1e-4
 """Fraction of a step over which the slope of an event is measured."""
 MAX_SLOPE_RATIO = 3.0
 """Ratio of an event's slope to that of a straight line, above which several zeros in a step are possible."""
+_JUMP_SHARE = 0.5
+"""Change of g within the slope interval, relative to its values at the ends of a step, above which g jumps."""
 _DIRECTIONS = {"both": 0, "up": 1, "down": -1}
 """Sign of the slope of g at a zero crossing that counts; 0 for any sign."""
 
@@ -304,7 +306,8 @@ class EventDetector:
             moments = []
             for k in crossed:
                 g0, g1 = before_and_after[k]
-                moments.append((self._moment(k, t, (s0, g0), (s1, g1), state_at), k))
+                moment = self._moment(k, t, (s0, g0), (s1, g1), state_at)
+                moments.append((moment, k))
             for s, k in sorted(moments):
                 q, dq = self.split(state_at(s))
                 events.append(Happening(self._name(k), t + s, q.copy(), dq.copy()))
@@ -328,7 +331,7 @@ class EventDetector:
                 changes_sign = min(g0, g1) <= 0.0 <= max(g0, g1)
                 max_slope = MAX_SLOPE_RATIO * sum_of_ends if changes_sign else sum_of_ends
                 # a jump of g within the short interval is not a slope
-                jumps = abs(slope) * _SLOPE_INTERVAL > 0.5 * sum_of_ends
+                jumps = abs(slope) * _SLOPE_INTERVAL > _JUMP_SHARE * sum_of_ends
                 if abs(slope) > max_slope and not jumps:
                     self.missed_zero_remarks[event.name] = (
                         f"event {event.name!r} may pass zero more often than was seen: in the step to {number(t, 6)} s its "
@@ -372,6 +375,7 @@ class EventDetector:
             return s1
 
         def difference_from_level(s: float) -> float:
+            """g - level at the time s after t; the values at the ends are known."""
             if s == s0:
                 return g0 - level
             if s == s1:
@@ -379,4 +383,5 @@ class EventDetector:
             return self._value(k, t + s, state_at(s)) - level
 
         time_tolerance = 4e-16 * max(t, s1)  # two units in the last place of the time [s]
+        # rtol: the rounding of s itself; maxiter: far above what Brent's method needs
         return float(brentq(difference_from_level, s0, s1, xtol=time_tolerance, rtol=1e-15, maxiter=200))

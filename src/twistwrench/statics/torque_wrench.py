@@ -28,6 +28,10 @@ _ROUNDING = 1e-13
 """Rounding error of a torque, as a share of given torques and gravity."""
 _MIN_ENTRY_SHARE = 1e-9
 """Share of the largest entry up to which an entry of a combination is a rounding error."""
+_MAX_ROUNDING = 1e-12
+"""Largest rounding error of an entry, relative to the pivot 1 of its row."""
+_MAX_ROUNDING_OF_FACTOR = 1e-9
+"""Difference from 1 up to which a factor counts as 1, which is not written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,9 +194,8 @@ def _sparse_basis(B: Array) -> Array:
     rows = B.T.copy()
     for k in range(len(rows)):
         remaining_rows = np.abs(rows[k:])
-        row_after_k, column = np.unravel_index(
-            int(np.argmax(remaining_rows)), remaining_rows.shape
-        )  # of the largest pivot
+        largest_entry = int(np.argmax(remaining_rows))  # the pivot
+        row_after_k, column = np.unravel_index(largest_entry, remaining_rows.shape)
         pivot_row = k + int(row_after_k)
         rows[[k, pivot_row]] = rows[[pivot_row, k]]
         rows[k] /= rows[k, column]
@@ -200,7 +203,7 @@ def _sparse_basis(B: Array) -> Array:
             if other != k:
                 rows[other] -= rows[other, column] * rows[k]
                 rows[other, column] = 0.0
-    rows[np.abs(rows) < 1e-12] = 0.0  # relative to the pivot 1 of each row
+    rows[np.abs(rows) < _MAX_ROUNDING] = 0.0
     if not rows.size:
         return rows.T
     peaks = rows[np.arange(len(rows)), np.argmax(np.abs(rows), axis=1)]
@@ -219,7 +222,8 @@ def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", lea
         if not magnitude > max_left_out:
             continue
         sign = "-" if entry < 0 else "+"
-        factor = "" if abs(magnitude - 1) < 1e-9 else f"{number(magnitude)} "  # a factor of 1 is not written
+        is_one = abs(magnitude - 1) < _MAX_ROUNDING_OF_FACTOR
+        factor = "" if is_one else f"{number(magnitude)} "
         terms.append(f"{sign} {factor}{name}")
     if not terms:
         return nothing

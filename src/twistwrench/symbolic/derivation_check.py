@@ -37,7 +37,8 @@ class Evaluator:
         """Value of one expression."""
         value = self._values.get(expr)
         if value is None:
-            value = self._values[expr] = self._evaluate(expr)
+            value = self._evaluate(expr)
+            self._values[expr] = value
         return value
 
     def array(self, expressions: Any, batch: tuple[int, ...]) -> Array:
@@ -108,7 +109,8 @@ def check_derivation(equations: Equations, robot: Robot) -> DerivationCheck:
     The coordinates u of the equations may differ from the robot's q. With dq = N du, torques, M and forces of the robot become
     N'τ, N'M N and so on.
     """
-    n, rng = robot.nv, np.random.default_rng(_CHECK_SEED)
+    n = robot.nv
+    rng = np.random.default_rng(_CHECK_SEED)
     u = rng.uniform(-1.5, 1.5, (_STATES, n))
     du, ddu = rng.standard_normal((2, _STATES, n))
     evaluator = Evaluator.from_state(equations, u, du, ddu)
@@ -116,18 +118,18 @@ def check_derivation(equations: Equations, robot: Robot) -> DerivationCheck:
     zero = np.zeros(n)
 
     def torques_at_rest(q: Array) -> Array:
-        if robot.model.springs:  # without gravity, springs still produce torque
+        """Torques of gravity and springs."""
+        if robot.model.springs:
             return robot.bias_forces(q, zero)
         return robot.gravity_forces(q)
 
-    for state in zip(u, du, ddu, strict=True):
-        q, dq, ddq, N = to_robot(robot.model, *state)
-        _, _, ddu_state = state
-        bias = ddq - N @ ddu_state  # dN/dt du: part of c due to the choice of coordinates
+    for u_state, du_state, ddu_state in zip(u, du, ddu, strict=True):
+        q, dq, ddq, N = to_robot(robot.model, u_state, du_state, ddu_state)
+        velocity_part = ddq - N @ ddu_state  # dN/dt du: part of c due to the choice of coordinates
         M = robot.mass_matrix(q)
         expected["inverse_dynamics"].append(N.T @ robot.inverse_dynamics(q, dq, ddq))
         expected["mass_matrix"].append(N.T @ M @ N)
-        expected["coriolis_forces"].append(N.T @ (robot.coriolis_forces(q, dq) + M @ bias))
+        expected["coriolis_forces"].append(N.T @ (robot.coriolis_forces(q, dq) + M @ velocity_part))
         expected["gravity_forces"].append(N.T @ torques_at_rest(q))
     largest_torque = np.abs(expected["inverse_dynamics"]).max()
     deviations = {}
@@ -135,7 +137,6 @@ def check_derivation(equations: Equations, robot: Robot) -> DerivationCheck:
         expressions = equations.tau if name == "inverse_dynamics" else getattr(equations, name)
         values = evaluator.array(expressions, (_STATES,)).reshape(np.shape(expected_values))
         scale = np.abs(expected_values).max() if name == "mass_matrix" else largest_torque
-        if scale == 0.0:  # without any torque, the deviation is absolute
-            scale = 1.0
-        deviations[name] = float(np.abs(values - expected_values).max() / scale)
+        deviation = np.abs(values - expected_values).max()
+        deviations[name] = float(deviation / scale if scale else deviation)
     return DerivationCheck(**deviations, states=_STATES)

@@ -124,7 +124,8 @@ def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Late
     """Sections of aligned equations; a complete document if ``whole``."""
     parts = []
     for step in steps:
-        parts.append(f"\\section*{{{_latex_text(heading(step))}}}\n{_latex_text(sentence(step.remark))}")
+        title, remark = _latex_text(heading(step)), _latex_text(sentence(step.remark))
+        parts.append(f"\\section*{{{title}}}\n{remark}")
         lines = _aligned_lines(step, notation)
         parts.append("\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}")
     body = "\n".join(parts)

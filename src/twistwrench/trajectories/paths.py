@@ -191,6 +191,10 @@ _MIN_PARTIAL_POINTS = 8
 """Smallest number of solved points for a partial path, whose spline has degree 5."""
 _MAX_POSE_ERROR = 1e-11
 """Largest entry of the pose error at a solved point [m, rad]."""
+_MAX_ERROR_OF_ROUNDING = 1e3 * _MAX_POSE_ERROR
+"""Largest entry of the pose error of a solution that rounding alone kept from converging [m, rad]."""
+_MIN_TOLERANCE = 1e-10
+"""Smallest deviation from the path that can be asked for [m, rad]."""
 _ALL_ROWS = tuple(range(6))
 """Rows of a pose error: rotation and position."""
 _MAX_NEWTON_STEPS = 12
@@ -199,6 +203,8 @@ _MAX_JUMP = 0.5
 """Largest joint displacement between adjacent points [rad or m]."""
 _MIN_SINGULAR_VALUE_RATIO = 0.02
 """Ratio of the smallest to the largest singular value of J below which the arm is at a singular configuration."""
+_MIN_SINGULAR_SHARE = 1e-9
+"""Share of the largest singular value of J up to which a singular value counts as zero."""
 
 
 def follow_poses(
@@ -238,9 +244,9 @@ def follow_poses(
     one_degree_joints(require_robot(robot, "follow_poses"), "following poses")
     q0 = configuration(robot, q0, "q0")
     max_deviation = arguments.number(tolerance, "tolerance")
-    if not 1e-10 <= max_deviation < np.inf:
+    if not _MIN_TOLERANCE <= max_deviation < np.inf:
         raise ValueRangeError(
-            f"tolerance is {printed(max_deviation)}: give how far the frame may be off [m, rad], 1e-10 or more."
+            f"tolerance is {printed(max_deviation)}: give how far the frame may be off [m, rad], {_MIN_TOLERANCE} or more."
         )
     poses_at = _checked_poses_function(poses)
     (gap,) = twist_left(robot.forward_kinematics(q0, frame)[None], poses_at(np.zeros(1)), _ALL_ROWS)
@@ -359,9 +365,9 @@ def _newton(robot: Robot, target: Array, q: Array, last_q: Array, frame: str | N
         (e,) = twist_left(robot.forward_kinematics(q, frame)[None], target[None], _ALL_ROWS)
         if np.abs(e).max() <= _MAX_POSE_ERROR:
             break
-        q = q + np.linalg.pinv(robot.jacobian(q, frame), rcond=1e-9) @ e
+        q = q + np.linalg.pinv(robot.jacobian(q, frame), rcond=_MIN_SINGULAR_SHARE) @ e
     else:  # not converged; close enough if rounding alone stopped it
-        if np.abs(e).max() > 1e3 * _MAX_POSE_ERROR:
+        if np.abs(e).max() > _MAX_ERROR_OF_ROUNDING:
             return q, _reason_without_solution(robot.jacobian(last_q, frame))
     is_beyond = limits.exceeded(q)
     displacement = np.abs(q - last_q)

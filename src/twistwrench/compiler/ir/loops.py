@@ -127,9 +127,8 @@ class Search:
     @property
     def settings(self) -> TensorSpec:
         """Maximum numbers of steps and attempts, tolerances, and weights of the entries ``near``."""
-        tolerance_count = (
-            self.program.inputs[-1].size - self.target.size
-        )  # tolerances follow the target in the last input
+        # In the last input, tolerances follow the target.
+        tolerance_count = self.program.inputs[-1].size - self.target.size
         return TensorSpec("settings", (TOLERANCES + tolerance_count + len(self.near),))
 
     @property

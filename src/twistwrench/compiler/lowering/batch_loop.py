@@ -254,9 +254,7 @@ def _write_body(
         frame_argument = [frame_pointer]
         w.do(f"call void @prepare(ptr {frame_pointer})")
     are_contiguous = [_is_contiguous(w, port, step) for port, step in zip(ports, strides, strict=True)]
-    all_contiguous = are_contiguous[0]
-    for is_contiguous in are_contiguous[1:]:
-        all_contiguous = w.new(f"and i1 {all_contiguous}, {is_contiguous}")
+    all_contiguous = _all_true(w, are_contiguous)
     whole_blocks = w.new(f"sdiv i64 {samples}, {w.lanes}")
     blocks_in_place = w.new(f"select i1 {all_contiguous}, i64 {whole_blocks}, i64 0")
     outputs = list(zip(bases, ports, strict=True))[inputs:]
@@ -284,17 +282,13 @@ def _write_body(
         is_whole = w.new(f"xor i1 {is_partial}, true")
         is_later_block = w.new(f"icmp sgt i64 {block}, 0")
         rows, pointers, are_copied = [], [], []  # for each array: first row in it, pointer for the block, condition
-        for k in range(len(ports)):
-            batch_stride, _ = strides[k]
+        for k, (batch_stride, _) in enumerate(strides):
             rows.append(w.gep(bases[k], w.new(f"mul i64 {first_sample}, {batch_stride}")))
             in_place = w.new(f"and i1 {are_contiguous[k]}, {is_whole}")
             pointers.append(w.new(f"select i1 {in_place}, ptr {rows[k]}, ptr {buffers[k]}"))
             are_copied.append(w.new(f"xor i1 {in_place}, true"))
-        for k in range(inputs):  # a sample that all rows share is copied in the first block only
-            batch_stride, _ = strides[k]
-            is_shared = w.new(f"icmp eq i64 {batch_stride}, 0")
-            is_in_buffer = w.new(f"and i1 {is_later_block}, {is_shared}")
-            is_missing = w.new(f"xor i1 {is_in_buffer}, true")
+        for k in range(inputs):
+            is_missing = _is_missing_in_buffer(w, strides[k], is_later_block)
             with w.when(w.new(f"and i1 {are_copied[k]}, {is_missing}")):
                 call_copy(w, "gather", buffers[k], rows[k], count, ports[k].shape, strides[k])
         call_block(w, [*pointers, *frame_argument])
@@ -375,6 +369,22 @@ def _blocks_in_place(
     with w.loop(count, label) as k:
         call_block(w, [*_addresses_after(w, ports, bases, k, group), *frame_argument], function)
     return w.after
+
+
+def _all_true(w: LlvmWriter, conditions: list[str]) -> str:
+    """Condition (i1): all conditions hold; at least one is given."""
+    all_true = conditions[0]
+    for condition in conditions[1:]:
+        all_true = w.new(f"and i1 {all_true}, {condition}")
+    return all_true
+
+
+def _is_missing_in_buffer(w: LlvmWriter, step: Step, is_later_block: str) -> str:
+    """Condition (i1): a sample is not in the buffer yet. One that all rows share is copied in the first block only."""
+    batch_stride, _ = step
+    is_shared = w.new(f"icmp eq i64 {batch_stride}, 0")
+    is_in_buffer = w.new(f"and i1 {is_later_block}, {is_shared}")
+    return w.new(f"xor i1 {is_in_buffer}, true")
 
 
 def _is_contiguous(w: LlvmWriter, port: TensorSpec, step: Step) -> str:

@@ -208,7 +208,8 @@ class _ProductLoop:
         w, p = self.w, self.p
         ports = [*p.inputs, *p.outputs]
         samples, bases, strides = call_arrays(w, ports)
-        input_count, factors = len(p.inputs), p.program.outputs
+        input_count = len(p.inputs)
+        factors = p.program.outputs
         vectors_per_matrix = -(-self.n * self.n // w.lanes)  # rounded up
         one_matrix = TensorSpec("one matrix", (vectors_per_matrix,))
         sizes = buffer_sizes(w, [*p.inputs, *factors, one_matrix])
@@ -261,7 +262,8 @@ class _ProductLoop:
 
     def _can_stream(self, exceeds_caches: str, result: str) -> str:
         """Condition (i1): the results exceed the caches, and the matrix at ``result`` consists of aligned whole vectors."""
-        w, vector_bytes = self.w, self.w.lanes * self.bytes
+        w = self.w
+        vector_bytes = self.w.lanes * self.bytes
         if vector_bytes < SHORTEST_PIECE or self.n * self.n * self.bytes % vector_bytes:
             return "false"
         address = w.new(f"ptrtoint ptr {result} to i64")

@@ -189,7 +189,8 @@ class SearchState:
 
     def copy_in(self, k: int, row: str, sample: str) -> None:
         """Copy one sample of input k into a row."""
-        w, port = self.w, self.s.inputs[k]
+        w = self.w
+        port = self.s.inputs[k]
         batch_stride, _ = self.strides[k]
         source = w.gep(self.bases[k], w.new(f"mul i64 {sample}, {batch_stride}"))
         with w.when(self.contiguous[k]):
@@ -199,7 +200,8 @@ class SearchState:
 
     def copy_out(self, k: int, row: str, sample: str) -> None:
         """Copy a row into one sample of result k."""
-        w, port = self.w, self.s.outputs[k]
+        w = self.w
+        port = self.s.outputs[k]
         operand = len(self.s.inputs) + k
         batch_stride, _ = self.strides[operand]
         target = w.gep(self.bases[operand], w.new(f"mul i64 {sample}, {batch_stride}"))
@@ -236,7 +238,8 @@ class _SearchLoop(SearchState):
 
     def write(self) -> None:
         """Write the body of the loop function."""
-        w, lanes = self.w, str(self.w.lanes)
+        w = self.w
+        lanes = str(self.w.lanes)
         self.samples = w.new("load i64, ptr %dims, align 8")
         self.load_operands()
         allocation = self.allocate_buffers()
@@ -317,7 +320,8 @@ class _SearchLoop(SearchState):
         self.store_count("attempt", lane, attempt)
         self.store_count("times", lane, 0)
         self.store_count("next", owner, w.new(f"add i64 {attempt}, 1"))
-        self.store_count("running", owner, w.new(f"add i64 {self.load_count('running', owner)}, 1"))
+        running = self.load_count("running", owner)
+        self.store_count("running", owner, w.new(f"add i64 {running}, 1"))
         given, x, passed = self.row_address(GIVEN, lane), self.row_address(X, lane), self.row_address(PASSED, lane)
         self.copy_in(0, given, sample)
         target_bytes = self.s.target.size * self.bytes
@@ -417,7 +421,8 @@ class _SearchLoop(SearchState):
             )
             with w.when(w.new(f"xor i1 {continues}, true")):
                 self.store_count("attempt", lane, -1)
-                self.store_count("running", owner, w.new(f"sub i64 {self.load_count('running', owner)}, 1"))
+                running = self.load_count("running", owner)
+                self.store_count("running", owner, w.new(f"sub i64 {running}, 1"))
                 with w.when(w.new(f"xor i1 {after_winner}, true")):
                     self._compare(owner, attempt, passed)
 
@@ -427,7 +432,8 @@ class _SearchLoop(SearchState):
         status = self.load(passed, self.s.x.size)  # the memory has x, the status and the error
         error = self.load(passed, self.s.x.size + 1)
         is_decided = w.new(f"fcmp one {w.element} {status}, {w.number(0.0)}")  # found, or the target is invalid
-        self.store_count("winner", owner, self.choose(is_decided, attempt, self.load_count("winner", owner)))
+        winner = self.load_count("winner", owner)
+        self.store_count("winner", owner, self.choose(is_decided, attempt, winner))
         best = self.row_address(BEST, owner)
         least_error = self.load(best, self.s.x.size + 1)
         nearest = self.load_count("nearest", owner)

@@ -38,6 +38,7 @@ class Relocations(NamedTuple):
     symbols: Array
     """Number of each symbol."""
     addends: Array
+    """Number that is added to each symbol's address [bytes]."""
 
 
 class ObjectFile(NamedTuple):
@@ -92,12 +93,18 @@ _SECTION = _row_type(
 )
 _SYMBOL = _row_type(24, name=(0, "<u4"), kind=(4, "u1"), section=(6, "<u2"), value=(8, "<u8"))
 _RELOCATION = _row_type(24, place=(0, "<u8"), type=(8, "<u4"), symbol=(12, "<u4"), addend=(16, "<i8"))
-_PROGRAM_SECTION, _SYMBOL_SECTION, _RELOCATION_SECTION, _UNWINDING_SECTION = 1, 2, 4, 0x70000001
-"""Types of sections: SHT_PROGBITS, SHT_SYMTAB, SHT_RELA and SHT_X86_64_UNWIND."""
-_WRITTEN_FLAG, _LOADED_FLAG = 1, 2
-"""Flags of sections: SHF_WRITE and SHF_ALLOC."""
+# Types of sections
+_PROGRAM_SECTION = 1  # SHT_PROGBITS
+_SYMBOL_SECTION = 2  # SHT_SYMTAB
+_RELOCATION_SECTION = 4  # SHT_RELA
+_UNWINDING_SECTION = 0x70000001  # SHT_X86_64_UNWIND
+# Flags of sections
+_WRITTEN_FLAG = 1  # SHF_WRITE
+_LOADED_FLAG = 2  # SHF_ALLOC
 _RELATIVE_TYPES = (2, 4)
 """R_X86_64_PC32, R_X86_64_PLT32: four-byte address of a symbol relative to the reference."""
+_ADDRESS_SIZE = 4
+"""Size of a relative address [bytes]."""
 
 
 def read_elf(raw: bytes) -> ObjectFile:
@@ -230,7 +237,7 @@ def _round_up(offset: int, align: int) -> int:
 def _fill_image(image: Array, file: ObjectFile, offsets: dict[int, int], offsets_by_name: dict[bytes, int]) -> None:
     """Copy the sections of a file into the image, and write the relative addresses of symbols into them.
 
-    ``offsets`` are those of its sections, by number; ``offsets_by_name`` those of the symbols that files and stubs define.
+    Both mappings hold offsets in the image: ``offsets`` of its sections, by number; ``offsets_by_name`` of all symbols.
     """
     symbol_offsets: list[int] = []  # in the image; -1 if unknown
     for name, section, offset_in_section in zip(file.names, file.symbol_sections, file.offsets.tolist(), strict=True):
@@ -244,15 +251,15 @@ def _fill_image(image: Array, file: ObjectFile, offsets: dict[int, int], offsets
         image[offsets[number] : offsets[number] + len(contents)] = np.frombuffer(contents, np.uint8)
     for number, places, symbols, addends in file.relocations:
         targets = symbol_offset_array[symbols]
-        last_place = len(file.sections[number].contents) - 4
+        last_place = len(file.sections[number].contents) - _ADDRESS_SIZE
         if (places < 0).any() or (places > last_place).any():  # LLVM's linker would write there
             raise RuntimeError("a relocation lies outside its section")
         if (targets < 0).any():
             raise UnsupportedObject
         positions = offsets[number] + places
         distances = (targets + addends - positions).astype("<i4")
-        bytes_of_distances = distances.view(np.uint8).reshape(-1, 4)
-        byte_positions = positions[:, None] + np.arange(4)  # (relocations, 4)
+        bytes_of_distances = distances.view(np.uint8).reshape(-1, _ADDRESS_SIZE)
+        byte_positions = positions[:, None] + np.arange(_ADDRESS_SIZE)  # (relocations, 4)
         image[byte_positions] = bytes_of_distances
 
 

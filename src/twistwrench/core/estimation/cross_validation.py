@@ -11,6 +11,8 @@ from ..typing import Array
 
 FOLDS = 5
 """Number of blocks of time that are held out, one after the other."""
+_TINY_SIZE = 1e-300
+"""Sum of squared torques in place of 0, as a divisor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,21 +79,22 @@ class HeldOut:
         return cls(kind, squares, sizes, names, (rows,))
 
     def __str__(self) -> str:
-        """Return a table of the residuals of each joint, and of all joints together."""
+        """Table of the residuals of each joint, and of all joints together."""
         relative_residuals = {**self.joints, "all": self.all}
         width = max(map(len, relative_residuals))
         lines = [f"{name:<{width}}  {100 * residual:6.3g} %" for name, residual in relative_residuals.items()]
         return "\n".join(lines)
 
     def __add__(self, other: HeldOut) -> HeldOut:
-        return HeldOut(
-            self.kind, self.squares + other.squares, self.sizes + other.sizes, self.names, self.rows + other.rows
-        )
+        """Residuals of the rows of both."""
+        squares = self.squares + other.squares
+        sizes = self.sizes + other.sizes
+        return HeldOut(self.kind, squares, sizes, self.names, self.rows + other.rows)
 
     @property
     def all(self) -> float:
         """Residual of all joints together, |τ - τ̂| / |τ|."""
-        size = max(float(self.sizes.sum()), 1e-300)  # not zero
+        size = float(self.sizes.sum()) or _TINY_SIZE
         return float(np.sqrt(self.squares.sum() / size))
 
     @property

@@ -210,9 +210,8 @@ class _MjcfWriter:
             self.bodies[WORLD] = self.world
             self.links_in_world.add(WORLD)
             self.losses.note_mass_of_world(parts)
-        pending_joints: dict[
-            str, tuple[JointEntry, ...]
-        ] = {}  # joints of a body not yet written, by the last one's child
+        # Joints of each body that is not written yet, by the child link of the last one.
+        pending_joints: dict[str, tuple[JointEntry, ...]] = {}
         for entry in parts.joints:
             earlier_joints = pending_joints.pop(entry.parent, ())
             may_share_body = bool(earlier_joints) or not entry.fixed

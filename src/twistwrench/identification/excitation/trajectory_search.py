@@ -78,12 +78,14 @@ class LimitBarrier:
 # z. Their derivatives come from reverse mode for torques and regressor, and from the forces at the nearest points for
 # distances.
 
-_STEPS_PER_PERIOD = (
-    16  # steps between instants, per period of the highest harmonic, at which the search evaluates limits
-)
-_MIN_CHECK_REFINEMENT = 20  # minimum refinement of the instants for the final check
-_MARGIN = 1e-4  # share of each limit kept as a margin for times between instants
-_MERIT_REFINEMENT = 2  # refinement of the instants at which the merit is evaluated
+_STEPS_PER_PERIOD = 16
+"""Number of instants per period of the highest harmonic at which the search evaluates limits."""
+_MIN_CHECK_REFINEMENT = 20
+"""Smallest refinement of the instants for the final check."""
+_MARGIN = 1e-4
+"""Share of each limit that is not used, as a margin for times between instants."""
+_MERIT_REFINEMENT = 2
+"""Refinement of the instants at which the merit is evaluated."""
 _ROUNDS = (
     (5.0, 60, 1),
     (20.0, 50, 1),
@@ -91,14 +93,28 @@ _ROUNDS = (
     (320.0, 50, 2),
 )
 """Rounds of each search with fixed multipliers: penalty ρ, maximum number of steps, and refinement of the instants."""
-_LOG_DET_ROUNDS = 2  # number of first rounds that use log det, for any criterion
+_LOG_DET_ROUNDS = 2
+"""Number of first rounds that use log det, for any criterion."""
 _LAST_ROUND = (1000.0, 40, 8)
 """Last round, for the best search only."""
-_MAX_LAST_ROUNDS = 7  # maximum number of repetitions of the last round
-_RANDOM_MOTIONS = 20  # number of random motions besides the first; the best one starts a search
-_MAX_RANDOM_TRIALS = 400  # maximum number of trials for one random motion
-_MIN_WIDTH = 0.02  # share of a motion's initial width below which it counts as infeasible
-_HALVINGS = 12  # number of bisection steps for the width
+_MAX_LAST_ROUNDS = 7
+"""Largest number of repetitions of the last round."""
+_AIM_PER_VIOLATION = 1.5
+"""Increase of the least distance from the edges, relative to a violation after the last round."""
+_SEARCH_OPTIONS = {"maxcor": 30, "ftol": 1e-9, "gtol": 1e-4}
+"""Options of SciPy's L-BFGS-B: number of stored steps, relative tolerance of the cost, and tolerance of its slope."""
+_RANDOM_MOTIONS = 20
+"""Number of random motions besides the first; the best one starts a search."""
+_MAX_RANDOM_TRIALS = 400
+"""Largest number of trials for one random motion."""
+_MAX_REST_POSITION = 0.6
+"""Largest distance of a random rest position from the middle, relative to the typical size of the position."""
+_TINY_PEAK = 1e-12
+"""Peak of a motion in place of 0, as a divisor."""
+_MIN_WIDTH = 0.02
+"""Share of a motion's initial width below which it counts as infeasible."""
+_HALVINGS = 12
+"""Number of bisection steps for the width."""
 
 Progress = Callable[[float], None]
 
@@ -175,12 +191,12 @@ class MotionSearch:
         bounds = self.constraints.bounds
         for _ in range(_MAX_RANDOM_TRIALS):
             z = rng.normal(size=(len(self.middle), self.series.count))
-            z[:, 0] = rng.uniform(-0.6, 0.6, len(z))  # rest positions, not near the limits
+            z[:, 0] = rng.uniform(-_MAX_REST_POSITION, _MAX_REST_POSITION, len(z))
             q, dq, ddq = self._states(z)
             q_rest = self.coefficients(z)[:, 0]
             limits = np.stack([bounds.upper - q_rest, q_rest - bounds.lower, bounds.velocity, bounds.acceleration])
             peaks = np.stack([q - q_rest, q_rest - q, np.abs(dq), np.abs(ddq)]).max(axis=1)
-            max_width = (limits / np.maximum(peaks, 1e-12)).min(axis=0)  # of each joint, as a factor
+            max_width = (limits / np.maximum(peaks, _TINY_PEAK)).min(axis=0)  # of each joint, as a factor
             z[:, 1:] *= (1.0 - 2.0 * _MARGIN) * max_width[:, None]
             motion = self.narrow_to_limits(z, 1)
             if motion is not None:
@@ -206,7 +222,8 @@ class MotionSearch:
         rest_state = self._states(with_width(0.0))[:, :1]  # the same at all instants
         if self.constraints.least(rest_state) < _MARGIN or not is_feasible(_MIN_WIDTH):
             return None
-        feasible_share, infeasible_share = _MIN_WIDTH, 1.0
+        feasible_share = _MIN_WIDTH
+        infeasible_share = 1.0
         for _ in range(_HALVINGS):
             share = 0.5 * (feasible_share + infeasible_share)
             if is_feasible(share):
@@ -266,14 +283,14 @@ class MotionSearch:
             violation = _MARGIN - self.constraints.least(self._states(z, self._check_refinement))
             if violation <= 0.0:
                 break
-            barrier = replace(barrier, aim=barrier.aim + 1.5 * violation)
+            barrier = replace(barrier, aim=barrier.aim + _AIM_PER_VIOLATION * violation)
         return z
 
     def _descend(self, z: Array, barrier: LimitBarrier, steps: int) -> tuple[Array, LimitBarrier]:
         """Motion after at most ``steps`` steps, and the barrier with updated multipliers."""
         from scipy.optimize import minimize
 
-        options: Any = {"maxiter": steps, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-4}
+        options: Any = _SEARCH_OPTIONS | {"maxiter": steps}
         solution = minimize(self.cost_and_slope, z.ravel(), (barrier,), "L-BFGS-B", jac=True, options=options)
         z = np.reshape(solution.x, z.shape)
         shares, _ = self.constraints.evaluate(self._states(z, barrier.finer), smooth=True)

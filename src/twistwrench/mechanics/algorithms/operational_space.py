@@ -19,12 +19,14 @@ from .recursion import zeros
 
 
 def task_inertia(model: Model, q: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
-    """Λ = (J M⁻¹ J')⁻¹ and the pivots of J M⁻¹ J'; (r, r), (r,). MR section 8.6, also for non-square J."""
+    """Λ = (J M⁻¹ J')⁻¹ (r, r) and the pivots (r,) of J M⁻¹ J', for r rows of J. MR section 8.6, also for non-square J."""
     L, D_inverse = ldl_factors(mass_matrix(model, q))
-    Y = solve_transposed(L, jacobian(model, q, frame, kind)[list(rows)].T)
+    J = jacobian(model, q, frame, kind)[list(rows)]
+    Y = solve_transposed(L, J.T)
     R, E_inverse = ldl_factors(Y.T @ (D_inverse[:, None] * Y))
     Lambda = zeros(len(rows), len(rows))
-    for k, unit_vector in enumerate(np.eye(len(rows)).astype(object)):
+    unit_vectors = np.eye(len(rows)).astype(object)
+    for k, unit_vector in enumerate(unit_vectors):
         Lambda[:, k] = solve_ldl(R, E_inverse, unit_vector)
     below_diagonal = np.tril_indices(len(rows), -1)
     Lambda.T[below_diagonal] = Lambda[below_diagonal]  # symmetric to the last bit
@@ -32,9 +34,10 @@ def task_inertia(model: Model, q: Array, frame: str, kind: str, rows: tuple[int,
 
 
 def task_bias(model: Model, q: Array, dq: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
-    """η = Λ (J M⁻¹ h - (dJ/dt) dq) and the pivots of J M⁻¹ J'; (r,), (r,). MR section 8.6."""
+    """η = Λ (J M⁻¹ h - (dJ/dt) dq) (r,) and the pivots (r,) of J M⁻¹ J', for r rows of J. MR section 8.6."""
     L, D_inverse = ldl_factors(mass_matrix(model, q))
-    Y = solve_transposed(L, jacobian(model, q, frame, kind)[list(rows)].T)
+    J = jacobian(model, q, frame, kind)[list(rows)]
+    Y = solve_transposed(L, J.T)
     R, E_inverse = ldl_factors(Y.T @ (D_inverse[:, None] * Y))
     z = D_inverse * solve_transposed(L, bias_forces(model, q, dq))  # D⁻¹L⁻ᵀh
     J_M_inverse_h = Y.T @ z
@@ -65,8 +68,9 @@ def proportional_derivative(
     u = zeros(model.nv)
     for body in model.leaders:
         if body.joint.nv == 1:
-            i, k = body.q_index, body.v_index
-            error, error_rate = q_des[i] - q[i], dq_des[k] - dq[k]
+            k = body.v_index
+            error = q_des[body.q_index] - q[body.q_index]
+            error_rate = dq_des[k] - dq[k]
             u[k] = kp[k] * error + kd[k] * error_rate
     return u
 

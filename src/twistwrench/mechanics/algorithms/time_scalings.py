@@ -315,7 +315,8 @@ class Averaged:
         is_before, is_after = t <= 0, t >= self.duration
         at_rest = is_before | is_after
         s, ds, dds = (self._derivative(t, order) for order in range(3))
-        s = np.where(is_after, 1.0, np.where(is_before, 0.0, np.clip(s, 0.0, 1.0)))
+        s = np.where(is_before, 0.0, np.clip(s, 0.0, 1.0))
+        s = np.where(is_after, 1.0, s)
         return s, np.where(at_rest, 0.0, ds), np.where(at_rest, 0.0, dds)
 
     def third(self, t: ArrayLike) -> Array:
@@ -450,7 +451,8 @@ def screw_path(start: ArrayLike, end: ArrayLike) -> PosePath:
     [0.450158, 0.186462, 0.0]
     """
     start, end = _poses(start, end)
-    return PosePath(start, end, False, se3.log(se3.inverse(start) @ end))
+    relative_pose = se3.inverse(start) @ end
+    return PosePath(start, end, False, se3.log(relative_pose))
 
 
 def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:

@@ -18,6 +18,9 @@ from .adjoint import Ad, ad
 from .axis import Axis, axis_of, kinds, line_of_action
 from .labelled import Labelled, frame_name, hash_of, missing_pose, symbol
 
+_MAX_ANGLE_OF_ROUNDING = 1e-12
+"""Angle of a rotation up to which it is a rounding error [rad]."""
+
 
 @final
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -274,7 +277,7 @@ class Pose:
         exact_rotation = so3.project(self.rotation, within=np.inf)  # without accumulated rounding errors
         rotation_vector = so3.log(exact_rotation)
         angle = float(np.linalg.norm(rotation_vector))
-        if angle <= 1e-12:
+        if angle <= _MAX_ANGLE_OF_ROUNDING:
             return f"{text}, not turned"
         return f"{text}, turned {number(angle, 6)} rad about {vector(rotation_vector / angle)}"
 

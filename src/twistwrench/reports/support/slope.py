@@ -47,7 +47,7 @@ def slope(load: StandingCase) -> float:
     if not strength:
         return 0.0
     cosine = float(-gravity @ load.ground.normal) / strength
-    angle = math.acos(min(1.0, max(-1.0, cosine)))
+    angle = math.acos(min(1.0, max(-1.0, cosine)))  # rounding may take the cosine beyond 1
     return angle if angle > _MIN_SLOPE else 0.0
 
 
@@ -125,7 +125,8 @@ def _normal_argument(normal: Array) -> str:
     """Argument that states a normal, as the caller types it."""
     numbers = [round(float(x), 4) + 0.0 for x in normal]  # + 0 turns -0 into 0
     if in_the_shell():
-        return spell(Argument("contact_normal", ",".join(map(number, numbers))))
+        text = ",".join(map(number, numbers))
+        return spell(Argument("contact_normal", text))
     return spell(Argument("contact_normal", numbers))
 
 
@@ -167,7 +168,8 @@ def _doubt_of_heights(
         return Reason(
             f"{doubt}. If the ground is level at each of them, state its normal, {level_argument}", level_argument
         )
-    angle = math.degrees(math.acos(min(1.0, float(plane_normal @ normal))))
+    cosine = min(1.0, float(plane_normal @ normal))
+    angle = math.degrees(math.acos(cosine))
     slope_argument = _normal_argument(plane_normal)
     return Reason(
         f"{doubt}. Does the floor slope by {number(angle, 2)}°? Give its normal, {slope_argument}, or {level_argument} if it "

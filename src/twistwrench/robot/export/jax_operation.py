@@ -14,18 +14,19 @@ from .xla_call import xla_target
 
 # Kernels are compiled at lowering, not while JAX traces, and not for computations that run only on a GPU.
 
-BATCH = 16
+MIN_KERNEL_BATCH = 16
 """Smallest batch for which a kernel that enters Python is faster than XLA's code of the program."""
 
 
 class JaxOperation:
     """JAX operation of one quantity: takes arrays, returns a tuple of results.
 
-    ``plain`` is the same function in JAX's own operations.
+    ``jax_function`` is the quantity in JAX's own operations.
     """
 
-    def __init__(self, quantity: BridgedQuantity, plain: Callable[..., tuple[Any, ...]]) -> None:
-        self.quantity, self.plain = quantity, plain
+    def __init__(self, quantity: BridgedQuantity, jax_function: Callable[..., tuple[Any, ...]]) -> None:
+        self.quantity = quantity
+        self.jax_function = jax_function
 
     def __repr__(self) -> str:
         return f"<JaxOperation {self.quantity.name}>"
@@ -34,28 +35,28 @@ class JaxOperation:
         """Bind the operation in JAX's trace."""
         return tuple(_primitive().bind(*arrays, operation=self))
 
-    def runs_plain(self, arrays: Sequence[Any]) -> bool:
+    def prefers_jax_function(self, arrays: Sequence[Any]) -> bool:
         """True if the version in JAX operations runs on the CPU: small batches of kernels that enter Python."""
         if is_compiled(self.quantity.kernel):
             return False
-        return prod(batch_shape(arrays, self.quantity.program)) < BATCH
+        return prod(batch_shape(arrays, self.quantity.program)) < MIN_KERNEL_BATCH
 
     def evaluate(self, *arrays: Any) -> tuple[Any, ...]:
         """Evaluation outside of jit; JAX operations that run once are not compiled by XLA."""
         import jax
 
         inputs = [jax.numpy.asarray(array) for array in arrays]
-        is_on_cpu = all(device.platform == "cpu" for device in inputs[0].devices())
-        if is_on_cpu and self.runs_plain(inputs):
-            return self.plain(*inputs)
+        is_on_cpu = all(device.platform == "cpu" for device in inputs[0].devices())  # all inputs are on the same
+        if is_on_cpu and self.prefers_jax_function(inputs):
+            return self.jax_function(*inputs)
         return tuple(jax.jit(self)(*inputs))
 
     def call_kernel(self, *arrays: Any) -> tuple[Any, ...]:
         """Kernel as an XLA call."""
         import jax
 
-        if self.runs_plain(arrays):
-            return self.plain(*arrays)
+        if self.prefers_jax_function(arrays):
+            return self.jax_function(*arrays)
         program, kernel = self.quantity.program, self.quantity.kernel
         batch = batch_shape(arrays, program)
         dtype = arrays[0].dtype
@@ -80,8 +81,8 @@ def _primitive() -> Any:
         batch = batch_shape(arrays, program)
         return [jax.core.ShapedArray((*batch, *port.shape), arrays[0].dtype) for port in program.outputs]
 
-    def plain(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
-        return operation.plain(*arrays)
+    def jax_function(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
+        return operation.jax_function(*arrays)
 
     def kernel_call(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
         return operation.call_kernel(*arrays)
@@ -90,6 +91,6 @@ def _primitive() -> Any:
     primitive.multiple_results = True
     primitive.def_impl(lambda *arrays, operation: operation.evaluate(*arrays))
     primitive.def_abstract_eval(result_shapes)
-    mlir.register_lowering(primitive, mlir.lower_fun(plain, multiple_results=True))
+    mlir.register_lowering(primitive, mlir.lower_fun(jax_function, multiple_results=True))
     mlir.register_lowering(primitive, mlir.lower_fun(kernel_call, multiple_results=True), platform="cpu")
     return primitive

@@ -30,51 +30,54 @@ class ExponentialKernel:
         self.input_shape, self.result_shape = SHAPES[name]
 
     def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
+        """Pickled by name, since kernels are not pickled."""
         return kernel, (self.name,)
 
     def __call__(self, x: Array) -> tuple[Array, Any]:
-        """Result for x, of one row or of many, and the number by which the caller judges whether a row is valid."""
+        """Result for x, of one row or of many, and the measure by which the caller judges whether a row is valid."""
         if x.ndim > len(self.input_shape):
             with np.errstate(all="ignore"):
-                results: tuple[Array, Array] = self._many(x)
+                results: tuple[Array, Array] = self._batch_kernel(x)
                 return results
-        row = self._one(x)
-        return row[:-1].reshape(self.result_shape), row[-1]
+        result_and_measure = self._call_row(x)
+        return result_and_measure[:-1].reshape(self.result_shape), result_and_measure[-1]
 
-    def slower(self, x: Array) -> Array:
-        """Result for a row that the builtin does not take: of float32, or not contiguous."""
+    def call_kernel(self, x: Array) -> Array:
+        """Result and measure of a row that the builtin does not take: of float32, or not contiguous."""
         with np.errstate(all="ignore"):
-            return np.asarray(self._flat(x))
+            return np.asarray(self._row_kernel(x))
 
     @cached_property
-    def _one(self) -> Callable[[Array], Array]:
-        """Function of one row: result and number in one array."""
+    def _call_row(self) -> Callable[[Array], Array]:
+        """Function of one row: result and measure in one array."""
         from ...compiler.runtime.dispatch import make_call
 
-        return make_call(self._flat, self.slower, self.name) or self.slower
+        return make_call(self._row_kernel, self.call_kernel, self.name) or self.call_kernel  # without a builtin
 
     @cached_property
-    def _flat(self) -> Any:
-        """Kernel that returns result and number in one array."""
+    def _row_kernel(self) -> Any:
+        """Kernel that returns result and measure in one array."""
 
-        def flat_function(x: Array) -> Array:
+        def flat_result(x: Array) -> Array:
             return np.concatenate([np.ravel(output) for output in self._function(x)])
 
-        return self._compile(flat_function, ["row"])
+        return self._compile(flat_result, ["row"])
 
     @cached_property
-    def _many(self) -> Any:
+    def _batch_kernel(self) -> Any:
         """Kernel for any number of rows."""
         return self._compile(self._function, ["result", "measure"])
 
     @property
     def _function(self) -> Callable[[Array], tuple[Array, Any]]:
+        """Function of :mod:`~twistwrench.mechanics.lie.se3` with this name, which returns result and measure."""
         from ...mechanics.lie import se3 as exponentials
 
         function: Callable[[Array], tuple[Array, Any]] = getattr(exponentials, self.name)
         return function
 
     def _compile(self, function: Callable[[Array], Any], outputs: list[str]) -> Any:
+        """Compiled kernel of a function of x."""
         from ...compiler.ir.tracer import trace
 
         program = trace(function, [("x", self.input_shape)], outputs)

@@ -32,6 +32,12 @@ _MIN_READINGS_OF_SPHERE = 7
 """Smallest number of readings for the fit of a sphere, which has four unknowns."""
 MIN_READINGS_OF_MOTION = 10
 """Smallest number of readings for the test of motion."""
+_MIN_SINGULAR_SHARE = 1e-6
+"""Share of the largest singular value up to which a singular value counts as zero."""
+_TINY_SQUARE = 1e-300
+"""Square of a radius in place of 0 or less."""
+_TINY_DEVIATION = 1e-12
+"""Deviation in place of 0, relative to the spread of the forces."""
 
 
 def seems_moving(log: ReadingLog) -> bool:
@@ -86,13 +92,14 @@ def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
         return None
     u = (f - mean) / scale  # forces in units in which their spread is 1
     A = np.column_stack([2 * u, np.ones(n)])
-    x, _, rank, _ = np.linalg.lstsq(A, (u * u).sum(axis=1), rcond=1e-6)
+    x, _, rank, _ = np.linalg.lstsq(A, (u * u).sum(axis=1), rcond=_MIN_SINGULAR_SHARE)
     if rank < 4:  # forces in a plane determine no sphere
         return None
     centre = x[:3]
-    radius = math.sqrt(max(float(x[3] + centre @ centre), 1e-300))
+    radius = math.sqrt(max(float(x[3] + centre @ centre), _TINY_SQUARE))
     deviations = np.linalg.norm(u - centre, axis=1) - radius
-    noise = scale * max(math.sqrt(float(deviations @ deviations) / (n - 4)), 1e-12)
+    deviation = math.sqrt(float(deviations @ deviations) / (n - 4))  # a sphere has four parameters
+    noise = scale * max(deviation, _TINY_DEVIATION)
     if noise > MAX_NOISE_OF_RADIUS * radius * scale:
         return None
     _, force_noise = found.noise
@@ -113,7 +120,7 @@ def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
         return True
     g, readings = log.gravity[kept], log.readings[kept]
     A = np.column_stack([np.ones(len(g)), g - g.mean(axis=0)])
-    x, _, rank, _ = np.linalg.lstsq(A, readings, rcond=1e-6)
+    x, _, rank, _ = np.linalg.lstsq(A, readings, rcond=_MIN_SINGULAR_SHARE)
     scale = np.repeat(found.spread(kept), 3)
     map_freedom = 6.0 * (len(g) - rank)
     fit_freedom = 6.0 * len(g) - len(found.unknowns.names)

@@ -34,6 +34,16 @@ _FACTOR_AFTER_OVERFLOW = 0.1
 """Ratio of a step to the one before it if the error of the latter is not finite."""
 _MIN_RELATIVE_STEP = 1e-14
 """Smallest step, relative to the time; shorter steps are a failure."""
+_MIN_TIME_SCALE = 1e-3
+"""Least time to which the smallest step is relative [s]."""
+_LONGER_LAST_STEP = 1.01
+"""Ratio up to which a step is longer than it should be rather than a tiny step before the end."""
+_FIRST_CHANGE = 0.01
+"""Relative change of the state in the first step."""
+_MIN_SIZE_OF_STATE = 1e-5
+"""Size of the state or its rate, in tolerances, below which the first step has a fixed length."""
+_FIRST_STEP_IF_TINY = 1e-6
+"""Length of the first step if the state or its rate is tiny [s]."""
 _ROUNDING_OF_TIME = 1e-12
 """Largest difference of two equal times, relative to the duration."""
 
@@ -75,9 +85,8 @@ class Stepper:
         h = min(h, self.longest)
         max_factor = MAX_STEP_FACTOR
         while True:
-            t1 = (
-                until if t + 1.01 * h >= until else t + h
-            )  # a hundredth longer rather than a tiny step before ``until``
+            reaches_end = t + _LONGER_LAST_STEP * h >= until
+            t1 = until if reaches_end else t + h
             step = t1 - t
             error, steepness, distance, self.speed = trials.attempt(t, y, rate, step)
             self.stiffness.note(t, step, steepness, distance)
@@ -102,7 +111,7 @@ class Stepper:
             if np.isfinite(error):
                 factor = self._step_factor(error)
             h = step * factor
-            if h < _MIN_RELATIVE_STEP * max(t, 1e-3):
+            if h < _MIN_RELATIVE_STEP * max(t, _MIN_TIME_SCALE):
                 raise self._failure(t, h, y, y1)
 
     def _step_factor(self, error: float) -> float:
@@ -113,7 +122,8 @@ class Stepper:
         """Error message for steps that shrink without end, with the joint of the largest error."""
         relative_errors = np.abs(self.trials.errors[self.trials.count] / self._tolerance(y, y1))
         velocity_errors = relative_errors[self.system.moving]
-        worst = int(np.argmax(np.where(np.isfinite(velocity_errors), velocity_errors, np.inf)))
+        finite_or_inf = np.where(np.isfinite(velocity_errors), velocity_errors, np.inf)  # nan counts as the largest
+        worst = int(np.argmax(finite_or_inf))
         return SimulationError(
             f"at t = {printed(t, 9)} s steps shrink below {residual(h)} s and still miss the tolerance, most of "
             f"all in joint {self.system.robot.model.velocity_names[worst]!r}: a force there jumps, or grows "
@@ -158,8 +168,8 @@ class Stepper:
         motion = slice(0, self.system.size - len(WORKS))  # coordinates and velocities
         state_size = float(np.sqrt(np.mean(np.square((y / scale)[motion]))))  # in tolerances
         rate_size = float(np.sqrt(np.mean(np.square((rate / scale)[motion]))))
-        is_tiny = min(state_size, rate_size) < 1e-5 or not np.isfinite(rate_size)
-        h = 1e-6 if is_tiny else 0.01 * state_size / rate_size
+        is_tiny = min(state_size, rate_size) < _MIN_SIZE_OF_STATE or not np.isfinite(rate_size)
+        h = _FIRST_STEP_IF_TINY if is_tiny else _FIRST_CHANGE * state_size / rate_size
         return min(h, span, self.longest)
 
 
@@ -342,7 +352,8 @@ def run_adaptive(run: Run, stepper: Stepper) -> None:
     """Take adaptive steps, between the samples of a controller if there is one; states in between by dense output."""
     run.stepper = stepper
     y = run.begin()
-    t, end = 0.0, run.end
+    t = 0.0
+    end = run.end
     spacing = run.h * run.every
     rounding = _ROUNDING_OF_TIME * end
     run.sample(t, y)

@@ -153,7 +153,8 @@ class Variational:
             t = t + c * h
             xi_time = -0.5 * c * h
             works += c * h * powers
-        return np.concatenate([q, np.linalg.solve(system.robot.mass_matrix(q), p), works])
+        dq = np.linalg.solve(system.robot.mass_matrix(q), p)
+        return np.concatenate([q, dq, works])
 
     def _midpoint_step(self, t: float, q0: Array, p0: Array, xi: Array, h: float) -> tuple[Array, Array, Array, Array]:
         """q and p after one midpoint step, ξ, and the powers of the forces at the midpoint (4,); xi is a guess of ξ."""
