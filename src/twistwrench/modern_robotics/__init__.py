@@ -254,9 +254,7 @@ def NearZero(z: ArrayLike) -> Any:
     -------
     near : (...) array of bool
     """
-    if type(z) is float:  # NumPy is slower for a single number
-        return abs(z) < 1e-6
-    return np.abs(arguments.real(z, "z")) < 1e-6
+    return abs(z) < 1e-6 if type(z) is float else np.abs(arguments.real(z, "z")) < 1e-6  # slower for a single number
 
 
 def Normalize(V: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.answers.answer import Answer
 from ..core.answers.blocks import Block
-from ..core.doubts import Doubt, doubt, verdict_from_doubts
+from ..core.doubts import Doubt, Level, doubt, verdict_from_doubts
 from ..core.errors import ModelWarning, ShapeError, ValueRangeError
 from ..core.glossary import complete
 from ..core.gravity import KGF, STRENGTH
@@ -282,7 +282,9 @@ def _test_residuals(
     if lacks_inertia:
         moment_test = CollisionThreshold.of_noise(tuple(deviation), FALSE_ALARM_RATE, axes=slice(0, 3))
         inertia_shows = moment_test(rest).mean() > MIN_SHARE_OF_UNKNOWN_INERTIA
-        level = "refuse" if inertia_shows and threshold is None else None  # None: the level of the kind
+        level: Level | None = None  # that of the kind of doubt
+        if inertia_shows and threshold is None:
+            level = "refuse"
         notes.append(doubt("sensor-file-inertia", level=level))
     doubts = _mismatch_doubts(
         log, sensor, noise, rest, is_outlier=is_outlier, deviation=deviation, tested_axes=tested_axes
