@@ -140,7 +140,7 @@ class Outputs(Generic[A]):
             check_matplotlib()
         for file in self.files:
             file.require()
-        also = also or {}
+        also = {} if also is None else also
         paths = dict(also)
         paths |= {file.flag: path for file, path in self.files.items() if path != "-"}
         if self.report is not None:
@@ -153,8 +153,8 @@ class Outputs(Generic[A]):
                 refuse_existing(path, overwrite=overwrite)
 
     @cached_property
-    def printed(self) -> OutputFile[A] | None:
-        """File that is printed in place of the report; None without one."""
+    def printed_file(self) -> OutputFile[A] | None:
+        """File that is printed in place of the report, by the path "-"; None without one."""
         to_print = [file for file, path in self.files.items() if path == "-"]
         if not to_print:
             return None
@@ -163,7 +163,7 @@ class Outputs(Generic[A]):
             raise ValueRangeError(f"{flags} would print two files as one. Choose one, or give the other a name.")
         return to_print[0]
 
-    def written_by(self, flag: str, write: Callable[[A, str], object]) -> None:
+    def set_writer(self, flag: str, write: Callable[[A, str], object]) -> None:
         """Replace the method that writes the file of an option."""
         files = {}
         for file, path in self.files.items():
@@ -204,7 +204,7 @@ class Outputs(Generic[A]):
                 note(f"{path} is kept as it was: the motion is not complete. Name another file for it.")
             elif file.exists(answer):
                 file.write(answer, path)
-                show_written(f"{path}{file.comment(answer)}", to_error=self.printed is not None)
+                show_written(f"{path}{file.comment(answer)}", to_error=self.printed_file is not None)
             else:
                 reason = file.missing(answer, path)
                 if reason:
@@ -212,10 +212,11 @@ class Outputs(Generic[A]):
 
     def print(self, answer: A) -> None:
         """Print the file of ``-``."""
-        assert self.printed is not None
+        assert self.printed_file is not None
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, f"out.{self.printed.flag[2:]}")
-            self.printed.write(answer, str(path))
+            suffix = self.printed_file.flag.removeprefix("--")  # of --csv or --json
+            path = Path(folder, f"out.{suffix}")
+            self.printed_file.write(answer, str(path))
             with path.open(encoding="utf-8", newline="") as text:
                 while portion := text.read(_CHARACTERS_PER_READ):
                     click.echo(portion, nl=False)
@@ -308,11 +309,15 @@ class Call(Generic[A]):
     """Call of a command: its options, and from their values the answer, its report and its files."""
 
     questions: Sequence[Question]
+    """Functions whose parameters become options."""
     body: Callable[..., A]
     files: Sequence[OutputFile[A]]
     report: bool
+    """True if the command has ``--report``."""
     own: Sequence[Decorator]
+    """Options of the command beside those of the functions."""
     reads: Callable[..., Mapping[str, str | Path | None]] | None
+    """Returns the input files that the body reads itself; None without such files."""
     with_robot: bool
     needs_motion: bool
 
@@ -358,7 +363,8 @@ class Call(Generic[A]):
         values: dict[str, Any] = {}
         inputs: dict[str, str | Path | None] = {}
         if self.reads is not None:
-            inputs |= self.reads(**{name: options[name] for name in _argument_names(self.reads)})
+            arguments_of_reads = {name: options[name] for name in _argument_names(self.reads)}
+            inputs |= self.reads(**arguments_of_reads)
         for question in self.questions:
             question_values = question.values(options)
             values |= question_values
@@ -375,7 +381,8 @@ class Call(Generic[A]):
         for question in self.questions:
             defaults |= question.defaults
         arguments = {**options, **defaults, **values, "asked": asked, "robot": robot, "log": log, "outputs": outputs}
-        answer = self.body(**{name: arguments[name] for name in self.body_arguments})
+        own_arguments = {name: arguments[name] for name in self.body_arguments}
+        answer = self.body(**own_arguments)
         self._show(answer, outputs)
         if outputs.interrupt is not None:
             raise outputs.interrupt
@@ -383,14 +390,17 @@ class Call(Generic[A]):
 
     def _outputs(self, options: Mapping[str, Any], inputs: Mapping[str, str | Path | None]) -> Outputs[A]:
         """Output files; raises if one cannot be written."""
-        paths = {file: file.complete(options[file.name]) for file in self.files if options[file.name] is not None}
-        outputs = Outputs(paths, options.get("file_report"), bool(options.get("full_paths")), inputs)
+        requested_files = [file for file in self.files if options[file.name] is not None]
+        paths = {file: file.complete(options[file.name]) for file in requested_files}
+        report_path = options.get("file_report")  # a command without --report has neither option
+        full_paths = bool(options.get("full_paths"))
+        outputs = Outputs(paths, report_path, full_paths, inputs)
         outputs.check(overwrite=options["overwrite"])
         return outputs
 
     def _show(self, answer: A, outputs: Outputs[A]) -> None:
         """Print the report or the file that replaces it, and write the files."""
-        prints_file = outputs.printed is not None and outputs.printed.exists(answer)
+        prints_file = outputs.printed_file is not None and outputs.printed_file.exists(answer)
         if not prints_file:
             show_answer(answer)
         outputs.write(answer)

@@ -195,8 +195,8 @@ def require_driven(robot: object, what: str) -> Robot:
     undriven_joints = multi_dof_joints(checked.model)
     if undriven_joints:
         raise ValueRangeError(
-            f"{what} needs a torque for every velocity, and {', '.join(undriven_joints)} of robot {checked.name!r} is not a joint of "
-            "one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
+            f"{what} needs a torque for every velocity, and {', '.join(undriven_joints)} of robot {checked.name!r} is not a "
+            "joint of one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
         )
     return checked
 

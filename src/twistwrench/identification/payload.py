@@ -128,7 +128,8 @@ class MotorSide:
     @property
     def _coupled_indices(self) -> list[int]:
         """Indices of the motors that turn with several joints."""
-        return np.flatnonzero(np.count_nonzero(self.ratios, axis=1) > 1).tolist()
+        joint_counts = np.count_nonzero(self.ratios, axis=1)  # joints that each motor turns with
+        return np.flatnonzero(joint_counts > 1).tolist()
 
     def joint_positions(self, q: Array) -> Array:
         """Positions of the joints.
@@ -239,7 +240,11 @@ def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: 
     if side is not None and side.names:
         motors = {*side.names} - {*model.velocity_names}
         header = open_motion_file(path, reading.get("topic"), reading.get("episode")).header
-        names = {cell.partition(".")[0].partition(" ")[0] for cell in header}  # NAME of NAME.quantity and NAME [unit]
+        names = set()
+        for cell in header:  # NAME.quantity, NAME or NAME [unit]
+            name, _, _ = cell.partition(".")
+            name, _, _ = name.partition(" ")
+            names.add(name)
         if not motors.isdisjoint(names):
             model = _model_named_after_motors(model, side.names)
     return MotionLog.open(path, model, **reading)
@@ -409,7 +414,8 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
     undetermined: list[str] = []
     for k, parameter in enumerate(PARAMETER_NAMES):
         name = f"{body}.{parameter}"
-        S[k, base.kept == names.index(name)] = 1.0
+        is_parameter = base.kept == names.index(name)  # mask of groups; no group if the parameter is undetermined
+        S[k, is_parameter] = 1.0
         if not S[k].any():
             undetermined.append(name)
     T = np.linalg.inv(robot.model.frames[frame].pose)
@@ -418,7 +424,8 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
     A = np.stack(columns, axis=1) @ S  # (10, r): parameters in the payload's frame by the groups
     G = SpatialInertia.from_parameters(A @ difference)
     C = A @ covariance @ A.T
-    m, mc = PARAMETER_NAMES.index("m"), PARAMETER_NAMES.index("mcx")  # rows of the mass and of the first moment
+    m = PARAMETER_NAMES.index("m")  # row of the mass
+    mc = PARAMETER_NAMES.index("mcx")  # first row of the first moment
     J = np.zeros((3, 10))  # derivatives of the centre of mass c = (m c) / m
     J[:, mc : mc + 3] = np.eye(3) / G.mass
     J[:, m] = -np.asarray(G.com) / G.mass

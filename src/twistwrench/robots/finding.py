@@ -102,7 +102,7 @@ def robot_file(source: str) -> Path:
 def known_robots() -> dict[str, FoundRobot]:
     """Every robot that :func:`twistwrench.find` finds without a download, by name; the first source takes precedence."""
     robots: dict[str, FoundRobot] = {}
-    for robot in (*_bundled_robots(), *_example_robots(), *_cached_descriptions()):
+    for robot in chain(_bundled_robots(), _example_robots(), _cached_descriptions()):
         robots.setdefault(robot.name, robot)
     return robots
 
@@ -166,7 +166,8 @@ def _cached_descriptions() -> Iterator[FoundRobot]:
     if spec is None or not spec.submodule_search_locations:
         return
     package = Path(next(iter(spec.submodule_search_locations)))  # folder of the package
-    cache = Path(os.environ.get("ROBOT_DESCRIPTIONS_CACHE") or "~/.cache/robot_descriptions").expanduser()
+    cache_path = os.environ.get("ROBOT_DESCRIPTIONS_CACHE") or "~/.cache/robot_descriptions"
+    cache = Path(cache_path).expanduser()
     if not cache.is_dir():
         return
     folder_names = _repositories(package / "_repositories.py")
@@ -224,7 +225,9 @@ def _evaluate_path(node: ast.expr | None, variables: Mapping[str, Path], clones:
     if not isinstance(node, ast.Call) or not node.args:
         return None
     # the function may be a name, or an attribute of a module
-    function_name = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+    function_name = getattr(node.func, "attr", "")
+    if isinstance(node.func, ast.Name):
+        function_name = node.func.id
     if function_name.endswith("clone_to_cache"):
         repository = node.args[0]
         return clones.get(str(repository.value)) if isinstance(repository, ast.Constant) else None
@@ -247,6 +250,10 @@ def _parse_module(file: Path) -> ast.Module:
         return ast.Module([], [])
 
 
+_MAX_REASON_LENGTH = 300
+"""Largest number of characters of a reason."""
+
+
 def _download(robot_name: str, name: object) -> Path:
     """Path of a robot that ``robot_descriptions`` downloads; ``name``: as the caller wrote it, for errors."""
     if find_spec(_DESCRIPTIONS_PACKAGE) is None:
@@ -261,7 +268,8 @@ def _download(robot_name: str, name: object) -> Path:
     try:
         module = importlib.import_module(f"{_DESCRIPTIONS_PACKAGE}.{modules[robot_name]}")
     except Exception as error:
-        reason = " ".join(str(error).split())[:300]  # on one line
+        reason = " ".join(str(error).split())  # on one line
+        reason = reason[:_MAX_REASON_LENGTH]
         raise NotFoundError(f"{_DESCRIPTIONS_PACKAGE} could not fetch {name!r}: {reason}.") from None
     for path_name in _PATH_NAMES:
         if hasattr(module, path_name):

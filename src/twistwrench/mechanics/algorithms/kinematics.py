@@ -132,7 +132,11 @@ def _rate_of_columns(model: Model, columns: list[tuple[Body, Array]], dq: Array,
         _, velocities = body.places
         V = V + dq[velocities] @ axes
         twists.append(V)
-    observer_twists = {"space": zeros(6), "body": V, "world_aligned": np.concatenate([zeros(3), V[3:]])}
+    observer_twists = {
+        "space": zeros(6),
+        "body": V,
+        "world_aligned": np.concatenate([zeros(3), V[3:]]),
+    }
     dJ = zeros(6, model.nv)
     for (body, axes), V_i in zip(columns, twists, strict=True):
         _add_columns(dJ, body, ad(V_i - observer_twists[kind]).apply(axes))
@@ -142,7 +146,7 @@ def _rate_of_columns(model: Model, columns: list[tuple[Body, Array]], dq: Array,
 def jacobian_derivative(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
     """∂J/∂q along robot.add (last axis); (6, nv, nv). dJ/dt is linear in dq, so ∂J/∂q_k is dJ/dt at the k-th unit velocity."""
     columns = list(_columns(model, q, frame, kind))
-    unit_velocities = np.eye(model.nv).astype(object)
+    unit_velocities = np.eye(model.nv).astype(object)  # to be multiplied by symbols
     derivative = zeros(6, model.nv, model.nv)
     for body, axes in columns:
         for k in range(body.v_index, body.v_index + len(axes)):
@@ -278,7 +282,8 @@ def halfway(model: Model, q: Array, dv: Array, angles: Array) -> Array:
     for body in model.leaders:
         if body.joint.angle is not None:
             coordinate, velocity = body.joint.angle  # indices within the joint
-            i, k = body.q_index + coordinate, body.v_index + velocity
+            i = body.q_index + coordinate
+            k = body.v_index + velocity
             q_new[i] = angles[i].turned(half_dv[k].clip(-LARGEST_HALF_TURN, LARGEST_HALF_TURN))
     return q_new
 

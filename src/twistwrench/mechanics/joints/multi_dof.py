@@ -70,7 +70,13 @@ class Ball(Joint):
     def rates(self, q: Array) -> Array:
         """N in dQ = ½ Q (0, ω) = N ω; (4, 3)."""
         w, x, y, z = 0.5 * q
-        return np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]], object)
+        rows = [
+            [-x, -y, -z],
+            [w, -z, y],
+            [z, w, -x],
+            [-y, x, w],
+        ]
+        return np.array(rows, object)
 
     def rotation_slopes(self, q: Array) -> Iterator[tuple[Array, Array]]:
         """R and dR = R [ω] for each unit velocity: shorter than derivatives through the quaternion, and half zeros."""
@@ -135,7 +141,10 @@ class Ball(Joint):
     def sliders(self) -> tuple[Slider, ...]:
         """Sliders for roll, pitch and yaw."""
         ranges = {"roll": math.pi, "pitch": math.pi / 2, "yaw": math.pi}
-        return tuple(Slider(f" {angle}", 0, "°", largest, k) for k, (angle, largest) in enumerate(ranges.items()))
+        sliders = []
+        for k, (angle, largest) in enumerate(ranges.items()):
+            sliders.append(Slider(f" {angle}", 0, "°", largest, k))
+        return tuple(sliders)
 
 
 def rotation_between(Q1: Array, Q0: Array) -> tuple[Array, Any]:
@@ -270,7 +279,8 @@ class Floating(Joint):
         Q, E, dE = euler_rates(u[3:], du[3:])
         Rt = quaternion.rotation(Q).T
         omega = E @ du[3:]
-        B, dB = np.zeros((6, 6)), np.zeros((6, 6))
+        B = np.zeros((6, 6))
+        dB = np.zeros((6, 6))
         B[:3, 3:] = E
         B[3:, :3] = Rt
         dB[:3, 3:] = dE
@@ -389,7 +399,8 @@ class Planar(Joint):
 
     def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
         """B in (omega, v_1, v_2) = B (dx, dy, dtheta), and its rate."""
-        c, s, w = np.cos(u[2]), np.sin(u[2]), du[2]
+        c, s = np.cos(u[2]), np.sin(u[2])
+        w = du[2]
         B = np.array([[0, 0, 1], [c, s, 0], [-s, c, 0]])
         dB = w * np.array([[0, 0, 0], [-s, c, 0], [-c, -s, 0]])
         return u, B, dB

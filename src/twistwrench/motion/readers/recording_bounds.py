@@ -99,8 +99,8 @@ def _check_tables(database: sqlite3.Connection, path: Path) -> None:
     for name in names:
         computed_columns = []
         for row in database.execute(f"pragma table_xinfo({name})"):
-            _, column, *_, hidden = row
-            if hidden:  # 0 for ordinary columns
+            _, column, *_, hidden = row  # number, name, type, not null, default, primary key, hidden
+            if hidden != 0:  # a computed column
                 computed_columns.append(str(column))
         if computed_columns:
             raise TrajectoryError(
