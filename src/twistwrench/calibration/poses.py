@@ -196,7 +196,9 @@ class MeasuringPoses(Answer):
         with csv_table(path, header) as table:
             for row, q in enumerate(self.q * factors):
                 partner = row ^ 1  # rows 0 and 1 are a pair, 2 and 3, ...
-                cells = [*q, partner] if is_of_pairs else q
+                cells = [*q]
+                if is_of_pairs:
+                    cells.append(partner)
                 table.row(cells)
         return Path(path)
 
