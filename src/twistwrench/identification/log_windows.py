@@ -216,7 +216,7 @@ def checks_of(log: LogSource) -> LogChecks:
         doubts = (*other_doubts, *row_doubts(glitches, names, left_out=True))
     else:
         wrong_times = wrong_times[:0]  # all rows stay
-    time = log.log.table[:, 0] if log.motion is None else log.motion.time
+    time = log.log.table[:, 0] if log.motion is None else log.motion.time  # of all rows
     return LogChecks(count, doubts, wrong_times, pause_lengths(time))
 
 

@@ -130,7 +130,7 @@ def _example_robots() -> Iterator[FoundRobot]:
     files_by_folder: dict[str, dict[str, Path]] = {}  # paths by the plain name of the file
     for path in sorted(folder.rglob("*")):
         if path.suffix in _FILE_SUFFIXES:
-            robot_folder = path.relative_to(folder).parts[0]
+            robot_folder = path.relative_to(folder).parts[0]  # the outermost one
             files = files_by_folder.setdefault(_robot_of_folder(robot_folder), {})
             files.setdefault(plain_name(path.stem), path)
     stem_counts = Counter(chain.from_iterable(files_by_folder.values()))

@@ -107,17 +107,17 @@ class Balance:
         motion = np.where(fails[:, None], motion, np.nan)
         power = np.where(fails, power, np.nan)
         return BalanceSolution(
-            holds,
-            decided,
-            how,
-            forces,
-            speed,
-            slowest,
-            self._payloads(holds),
-            least_friction,
-            motion,
-            power,
-            least_norm,
+            holds=holds,
+            decided=decided,
+            how=how,
+            forces=forces,
+            speed=speed,
+            slowest=slowest,
+            payload=self._payloads(holds),
+            friction=least_friction,
+            motion=motion,
+            power=power,
+            least_norm=least_norm,
         )
 
     def _replace_by_tipping(self, rows: Array, motion: Array, power: Array, how: Array) -> None:
@@ -339,7 +339,8 @@ class LimitedBalance:
     @property
     def growing(self) -> ForceBounds:
         """Bounds that grow from zero with the share of the limits."""
-        most, rate = np.zeros_like(self.load), np.ones_like(self.load)
+        most = np.zeros_like(self.load)
+        rate = np.ones_like(self.load)
         return two_sided(self.G, self.load, most, rate).concatenate(self.push_bounds)
 
     def within(self, share: Array) -> ForceBounds:

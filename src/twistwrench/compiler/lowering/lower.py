@@ -86,7 +86,7 @@ def assembly(program: Program, precision: Precision, machine: Machine, write_loo
             declarations(w),
             wrapper(precision, lanes),
             f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n',
-            write_loop(LOOP, program, precision, lanes, 0, 1),
+            write_loop(LOOP, program, precision, lanes, 0, 1),  # the block has no frame, and a call processes one block
         ]
     )
 

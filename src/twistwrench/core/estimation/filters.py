@@ -182,9 +182,14 @@ def lagged(x: Array, steps: float, before: Array | None = None) -> Array:
     response = first_order(x.reshape(len(x), -1).T).T.reshape(x.shape)
     if before is None:
         return response
-    decay = a ** np.arange(1.0, len(x) + 1.0)
-    decay = decay.reshape(-1, *[1] * (x.ndim - 1))
+    decay = _along_first_axis(a ** np.arange(1.0, len(x) + 1.0), x.ndim)
     return np.asarray(response + decay * (before - x[0]))
+
+
+def _along_first_axis(values: Array, ndim: int) -> Array:
+    """Values (n,) with the shape (n, 1, …, 1) of ``ndim`` axes."""
+    shape = (-1,) + (1,) * (ndim - 1)
+    return values.reshape(shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,5 +251,5 @@ class UniformSpline:
         """Indices k (m,) of the samples before times (m,), and linear weights a and b of samples k and k + 1."""
         steps_from_start = (t - self.start) / self.step
         k = np.clip(steps_from_start.astype(int), 0, len(self.y) - 2)
-        b = (steps_from_start - k).reshape(-1, *[1] * (self.y.ndim - 1))
+        b = _along_first_axis(steps_from_start - k, self.y.ndim)
         return k, 1.0 - b, b

@@ -133,7 +133,7 @@ def _open_groups(found: IdentifiedRobot) -> str:
 
     Empty without such groups.
     """
-    groups = found.open_for_torques
+    groups = found.open_for_torques  # those that change another motion's torques by over 2 %
     if not groups:
         return ""
     worst_group, (joint, share) = next(iter(groups.items()))  # the groups are sorted, worst first
@@ -292,7 +292,7 @@ def _full_form(found: IdentifiedRobot) -> Iterator[str | Table]:
     held_count = int(found.base.held.sum())
     if held_count:
         yield f"{held_count} parameters were held at known values"
-    poor_groups = first_parameters(found.poorly_determined)
+    poor_groups = first_parameters(found.poorly_determined)  # deviations over 30 % of the values
     if poor_groups:
         names = listed(poor_groups, _MAX_NAMES, "; ")
         yield f"Poorly determined, standard deviation above 30 %: {len(poor_groups)} of {found.free_count} groups, {names}"

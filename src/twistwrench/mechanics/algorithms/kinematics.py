@@ -126,7 +126,7 @@ def jacobian_rate(model: Model, q: Array, dq: Array, frame: str, kind: str = "bo
 
 def _rate_of_columns(model: Model, columns: list[tuple[Body, Array]], dq: Array, kind: str) -> Array:
     """dJ/dt from the bodies and screw axes of :func:`_columns`."""
-    V = zeros(6)  # of the bodies on the path in turn, at last of the frame itself
+    V = zeros(6)  # twist of each body on the path in turn; after the loop, of the frame itself
     twists = []
     for body, axes in columns:
         _, velocities = body.places
@@ -232,6 +232,10 @@ def moving_parts(model: Model, q: Array) -> Iterator[tuple[Array, Array]]:
             yield R, dR
 
 
+_DECIMALS = 12
+"""Number of decimals to which structure constants are rounded, since they have rounding errors."""
+
+
 def brackets(model: Model) -> Array:
     """Structure constants c of each joint's screw axes, [S_a, S_b] = Σ c_abd S_d, which form a Lie algebra; (nv, nv, nv)."""
     c = np.zeros((model.nv, model.nv, model.nv))
@@ -242,7 +246,7 @@ def brackets(model: Model) -> Array:
         for a, b in np.ndindex(len(axes), len(axes)):
             axis_brackets[a, b] = ad(axes[a]) @ axes[b]
         constants = axis_brackets @ np.linalg.pinv(axes)
-        c[columns, columns, columns] = np.round(constants, 12)  # orthonormal axes give exactly 0, 1 and -1
+        c[columns, columns, columns] = np.round(constants, _DECIMALS)  # orthonormal axes give exactly 0, 1 and -1
     return c
 
 

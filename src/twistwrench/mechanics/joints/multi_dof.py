@@ -58,9 +58,9 @@ class Ball(Joint):
 
     def add(self, q: Array, dv: Array, angles: Array) -> Array:
         """Quaternion Q exp(ω)."""
-        half, cosine, _ = half_angle(dv @ dv)
+        half_sinc, cosine, _ = half_angle(dv @ dv)  # sin(x/2) / x and cos(x/2) of the angle x = |ω|
         Q = q / np.sqrt(q @ q)
-        return quaternion.multiply(Q, np.concatenate([[cosine], half * dv]))
+        return quaternion.multiply(Q, np.concatenate([[cosine], half_sinc * dv]))
 
     def subtract(self, q1: Array, q0: Array) -> Array:
         """Rotation vector log(Q0⁻¹ Q1)."""
@@ -196,9 +196,9 @@ class Floating(Joint):
         Q, p = q[:4], q[4:]
         w, v = dv[:3], dv[3:]
         Q = Q / np.sqrt(Q @ Q)
-        half, cosine, third = half_angle(w @ w)
-        Q_new = quaternion.multiply(Q, np.concatenate([[cosine], half * w]))
-        displacement = slide(w, v, 2.0 * half * half, third)  # MR eq. 3.88, in the child's frame
+        half_sinc, cosine, third = half_angle(w @ w)  # sin(x/2) / x, cos(x/2) and (1 - sin(x) / x) / x² of x = |ω|
+        Q_new = quaternion.multiply(Q, np.concatenate([[cosine], half_sinc * w]))
+        displacement = slide(w, v, 2.0 * half_sinc * half_sinc, third)  # MR eq. 3.88, in the child's frame
         return np.concatenate([Q_new, p + quaternion.rotation(angles[:4]) @ displacement])
 
     def subtract(self, q1: Array, q0: Array) -> Array:
@@ -392,9 +392,10 @@ class Planar(Joint):
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
         """The joint's own coordinates."""
-        coordinates = (("x", False, "x"), ("y", False, "y"), ("theta", True, "angle"))  # letter, is an angle, meaning
-        return tuple(
-            ChartEntry(letter, is_angle, f"{meaning} of joint {{}}") for letter, is_angle, meaning in coordinates
+        return (
+            ChartEntry("x", False, "x of joint {}"),
+            ChartEntry("y", False, "y of joint {}"),
+            ChartEntry("theta", True, "angle of joint {}"),
         )
 
     def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
@@ -429,5 +430,5 @@ class Planar(Joint):
 
 def _arc(w: Any) -> tuple[Any, Any]:
     """a = sin(w)/w and b = (1 - cos w)/w, from sin w = 2 sin(w/2) cos(w/2) and 1 - cos w = 2 sin²(w/2)."""
-    half, cosine, _ = half_angle(w * w)
-    return 2.0 * half * cosine, 2.0 * half * half * w
+    half_sinc, cosine, _ = half_angle(w * w)
+    return 2.0 * half_sinc * cosine, 2.0 * half_sinc * half_sinc * w

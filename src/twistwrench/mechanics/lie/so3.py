@@ -61,8 +61,12 @@ def hat(w: ArrayLike) -> Array:
         return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], w.dtype)
     x, y, z = np.moveaxis(w, -1, 0)
     W = np.zeros((*w.shape, 3), w.dtype)
-    W[..., 2, 1], W[..., 0, 2], W[..., 1, 0] = x, y, z
-    W[..., 1, 2], W[..., 2, 0], W[..., 0, 1] = -x, -y, -z
+    W[..., 2, 1] = x
+    W[..., 0, 2] = y
+    W[..., 1, 0] = z
+    W[..., 1, 2] = -x
+    W[..., 2, 0] = -y
+    W[..., 0, 1] = -z
     return W
 
 

@@ -145,7 +145,8 @@ def _without_locked_root(parts: ModelParts) -> ModelParts:
     """Parts without the world and its joint, if this joint was a floating base and is locked at the origin."""
     world = parts.root
     root_joints = [joint for joint in parts.joints if joint.parent == world]
-    if len(root_joints) != 1 or parts.links[world].inertia.mass:
+    world_has_mass = parts.links[world].inertia.mass != 0.0
+    if len(root_joints) != 1 or world_has_mass:
         return parts
     (root_joint,) = root_joints
     is_at_origin = np.array_equal(root_joint.placement, np.eye(4))
@@ -191,6 +192,9 @@ def _with_prefix(part: ModelParts, prefix: str) -> ModelParts:
     """Parts with a prefix before every name."""
     if not prefix:
         return part
+    payloads = []
+    for frame, inertia in part.payloads:
+        payloads.append((_frame_with_prefix(frame, part.additions, prefix), inertia))
     return replace(
         part, root=prefix + part.root, additions=_additions_with_prefix(part.additions, prefix),
         links={prefix + name: replace(link, name=prefix + name) for name, link in part.links.items()},
@@ -199,7 +203,7 @@ def _with_prefix(part: ModelParts, prefix: str) -> ModelParts:
         friction=_keys_with_prefix(part.friction, prefix), armature=_keys_with_prefix(part.armature, prefix),
         actuators=[_actuator_with_prefix(actuator, prefix) for actuator in part.actuators],
         couplings=[_coupling_with_prefix(coupling, prefix) for coupling in part.couplings],
-        payloads=tuple((_frame_with_prefix(name, part.additions, prefix), G) for name, G in part.payloads),
+        payloads=tuple(payloads),
     )  # fmt: skip
 
 

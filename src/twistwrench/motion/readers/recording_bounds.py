@@ -40,7 +40,8 @@ def recording_database(path: Path) -> Iterator[sqlite3.Connection]:
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(_ALLOWED_LENGTH, size))
         database.execute("pragma trusted_schema=off")
         database.execute("pragma cell_size_check=on")
-        database.set_progress_handler(handler.stop_requests().__next__, _STEPS_BETWEEN_CALLS)
+        stop_requests = handler.stop_requests()
+        database.set_progress_handler(stop_requests.__next__, _STEPS_BETWEEN_CALLS)
         try:
             _check_tables(database, path)
             yield database

@@ -95,15 +95,7 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     if options.get("friction"):
         complete_options["friction"] = True
     if "kind" in allowed_options:
-        complete_options["kind"] = options.get("kind", "body")
-        if complete_options["kind"] not in kinematics.KINDS:
-            kind = str(complete_options["kind"])
-            kind_of_pinocchio = kinematics.PINOCCHIO.get(kind.upper())
-            if kind_of_pinocchio:
-                raise UnknownNameError(
-                    f"no kind named {kind!r}: Pinocchio's name for kind={kind_of_pinocchio!r}, which has angular rows first."
-                )
-            raise UnknownNameError.from_choices("kind", complete_options["kind"], kinematics.KINDS)
+        complete_options["kind"] = _checked_kind(options.get("kind", "body"))
     if "rows" in allowed_options:
         if model.nv == 0:
             raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")
@@ -133,6 +125,18 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
             f"{name}: {options_of_derivative[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'."
         )
     return complete_options
+
+
+def _checked_kind(kind: Any) -> Any:
+    """Return the kind of a twist; raises UnknownNameError for another name, with our name for a name of Pinocchio."""
+    if kind in kinematics.KINDS:
+        return kind
+    kind_of_pinocchio = kinematics.PINOCCHIO.get(str(kind).upper())
+    if kind_of_pinocchio:
+        raise UnknownNameError(
+            f"no kind named {str(kind)!r}: Pinocchio's name for kind={kind_of_pinocchio!r}, which has angular rows first."
+        )
+    raise UnknownNameError.from_choices("kind", kind, kinematics.KINDS)
 
 
 def _names_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
