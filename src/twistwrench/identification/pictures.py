@@ -160,6 +160,8 @@ _MAX_NAME_LENGTH = 22
 """Characters of a parameter's name at the axis."""
 _MIN_POOR_DEVIATION = 0.3
 """Standard deviation of a group, as a share of its value, above which it is poorly determined."""
+_MAX_BAR = 2.0
+"""Largest half-width of a drawn interval, in units of the group's size."""
 _MIN_SIZE = 1e-300
 """Smallest size of a group, so that zero is not divided by zero."""
 _PANELS_IN_ROW = 4
@@ -336,7 +338,7 @@ def _draw_groups(axes: style.Axes, found: IdentifiedRobot) -> None:
         if mask.any():
             groups = drawn_groups[mask]
             y = found.values[groups] / size[groups]
-            bars = np.clip(half_widths[groups] / size[groups], 0, 2)  # longer ones leave the axes in any case
+            bars = np.clip(half_widths[groups] / size[groups], 0.0, _MAX_BAR)
             axes.errorbar(groups, y, bars, fmt="o", markersize=3, linewidth=1, color=colour, label=label)
     file_shares = found.prior.mean[drawn_groups] / size[drawn_groups]
     axes.plot(drawn_groups, file_shares, "_", color=style.VERMILION, markersize=7, label="file")

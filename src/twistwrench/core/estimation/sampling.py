@@ -222,7 +222,7 @@ def late_by_turns(gaps: Sequence[Gap], begin: float, end: float) -> LatePosition
         return None
     sizes = np.abs(delays)
     typical_size = float(np.median(sizes[np.isfinite(delays)]))
-    # a gap that is not a change of the delay has the size nan, which is not similar
+    # the size of a gap without a delay is nan, which is not similar
     is_similar = (sizes > typical_size / _MAX_SIZE_RATIO) & (sizes < _MAX_SIZE_RATIO * typical_size)
     if not is_similar.mean() > _MIN_REGULAR_SHARE:
         return None
