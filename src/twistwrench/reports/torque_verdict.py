@@ -127,12 +127,12 @@ def _motion_excesses(report: TorqueReport, *, degrees: bool) -> list[tuple[Exces
     """
     excesses, _ = _judge_motion(report, degrees=degrees)
     turned_joints = _turned_joints(report, level="note")
-    comparable = []
+    comparable_excesses = []
     for e, text in excesses:
         is_of_turned_joint = e.kind in _STOP_KINDS and e.joint in turned_joints
         if not is_of_turned_joint:
-            comparable.append((e, text))
-    return comparable
+            comparable_excesses.append((e, text))
+    return comparable_excesses
 
 
 def _certain_excesses(
@@ -338,12 +338,12 @@ def _reasons_of_log(report: TorqueReport) -> list[str]:
 def _differing_torques(report: TorqueReport) -> list[MeasuredTorque]:
     """Measured torques whose difference from the computed torques affects the verdict."""
     min_differences = {j.joint: _MIN_DIFFERENCE_OF_LIMIT * j.limit for j in _limited_joints(report)}
-    differing = []
+    differing_torques = []
     for m in report.measured:
         min_difference = min_differences.get(m.joint, 0.0)  # any difference counts without a limit
         if m.disagrees and m.residual > min_difference:
-            differing.append(m)
-    return differing
+            differing_torques.append(m)
+    return differing_torques
 
 
 _MIN_DIFFERENCE_OF_LIMIT = 0.02
@@ -408,21 +408,21 @@ def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list
     limited = _limited_joints(report)
     deviations = confidence(len(limited))
     excess_by_joint = _torque_excesses(report)
-    over: list[tuple[Excess, str]] = []
-    unsure: list[str] = []
+    excesses: list[tuple[Excess, str]] = []
+    open_sentences: list[str] = []
     for j in limited:
         half_width = deviations * report.reach(j)
         excess = excess_by_joint.get(j.joint)
         if excess is not None and abs(j.peak) - half_width > j.limit:
-            over.append((excess, _over_sentence(report, j)))
+            excesses.append((excess, _over_sentence(report, j)))
         elif _is_open(j, half_width, excess):
-            unsure.append(_open_sentence(report, j))
+            open_sentences.append(_open_sentence(report, j))
     for follower_excess, text in _judge_followers(report):
         if follower_excess is None:
-            unsure.append(text)
+            open_sentences.append(text)
         else:
-            over.append((follower_excess, text))
-    return over, unsure
+            excesses.append((follower_excess, text))
+    return excesses, open_sentences
 
 
 def _limited_joints(report: TorqueReport) -> list[JointTorque]:
@@ -556,7 +556,7 @@ def because(joint: JointTorque) -> str:
 
 def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[tuple[Excess, str]], list[str]]:
     """Exceeded limits of positions, velocities and bearings with sentences, and sentences on excesses that noise explains."""
-    over: list[tuple[Excess, str]] = []
+    excesses: list[tuple[Excess, str]] = []
     noisy_joints: dict[str, list[str]] = {}  # by quantity
     for e in report.excesses:
         if e.kind == "effort":
@@ -564,7 +564,7 @@ def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[
         if is_noise(report, e):
             noisy_joints.setdefault(KINDS[e.kind], []).append(e.joint)
         else:
-            over.append((e, _motion_sentence(e, degrees=degrees)))
+            excesses.append((e, _motion_sentence(e, degrees=degrees)))
     if report.derived is not None:  # velocities that smoothing has brought below their limits
         remaining = _joints_and_kinds(report.excesses)
         for e in report.derived.excesses:
@@ -574,7 +574,7 @@ def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[
     doubts = []
     for quantity, joints in noisy_joints.items():
         doubts.append(f"noise explains why the {quantity} limit of {listed(joints, _MAX_LISTED_JOINTS)} is passed")
-    return over, doubts
+    return excesses, doubts
 
 
 def _motion_sentence(e: Excess, *, degrees: bool) -> str:

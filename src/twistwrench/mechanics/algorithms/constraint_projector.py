@@ -60,7 +60,8 @@ class ConstraintProjector:
         if k == 0 or nv == 0:
             no_U = np.zeros((*batch, k, 0))
             no_V = np.zeros((*batch, nv, 0))
-            return cls(sizes, L, no_U, no_V, inverse_sigma=np.zeros((*batch, 0)))
+            no_sigma = np.zeros((*batch, 0))
+            return cls(sizes, L, no_U, no_V, no_sigma)
         U, sigma, Vt = np.linalg.svd(B, full_matrices=False)
         is_significant = sigma > TOLERANCE
         if max_rank is not None:
