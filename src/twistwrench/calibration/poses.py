@@ -413,6 +413,7 @@ class _Design:
     def fit(self, planned: Measurements, goal: Array | None) -> CalibrationFit:
         """Existing and planned readings, linearised at the start, with weights 1/σ."""
         length_noise, angle_noise = self.noise
+        # rows of a reading: angles first, then lengths
         planned_weights = np.full((planned.count, planned.rows_each), 1.0 / length_noise)
         planned_weights[:, : planned.angle_rows] = 1.0 / angle_noise
         measured = [planned]

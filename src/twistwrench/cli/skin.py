@@ -267,9 +267,10 @@ def command_of(
     """
 
     def decorate(body: Callable[..., Any]) -> click.Command:
-        questions = (Question(function, left_out, spellings, kinds=kinds), *also)
+        own_question = Question(function, left_out, spellings, kinds=kinds)
+        all_files = (*files, _JSON)
         call = Call(
-            questions, body, (*files, _JSON), report, own, reads, with_robot=with_robot, needs_motion=needs_motion
+            (own_question, *also), body, all_files, report, own, reads, with_robot=with_robot, needs_motion=needs_motion
         )
 
         def run(**options: Any) -> None:

@@ -101,7 +101,8 @@ class Namer:
     def entries(self) -> ModelEntries:
         """Numbers of the model, with names where they have one."""
         bodies = self.model.bodies
-        lengths_of_bodies = {i: self._lengths(i) for i in range(BASE, len(bodies))}  # from the base, which is -1
+        body_numbers = range(BASE, len(bodies))  # the base has the number -1
+        lengths_of_bodies = {i: self._lengths(i) for i in body_numbers}
         body_entries = []
         for i, body in enumerate(bodies):
             body_entries.append(self._body(i, body, lengths_of_bodies))

@@ -27,7 +27,8 @@ from .program import FUSED, Instruction, Program, TensorSpec
 def build(results: Sequence[Expr], inputs: tuple[TensorSpec, ...], outputs: tuple[TensorSpec, ...]) -> Program:
     """Program that computes ``results``."""
     nodes = _sort_nodes(results)
-    instructions, number_of_node = _emit(nodes, _fusions(nodes, results))
+    fused = _fusions(nodes, results)
+    instructions, number_of_node = _emit(nodes, fused)
     result_numbers = tuple(number_of_node[result.index] for result in results)
     return Program(tuple(instructions), result_numbers, inputs, outputs)
 

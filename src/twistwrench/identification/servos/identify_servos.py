@@ -97,8 +97,9 @@ def identify_servos(
     <IdentifiedServos of planar_2r: OK, 2 of 2 joints>
     """
     arm = _require_servo_arm(robot if isinstance(robot, Robot) else load(robot))
-    if hold not in ("zero", "linear", "auto"):
-        raise UnknownNameError.from_choices("hold", hold, ("zero", "linear", "auto"))
+    holds = ("zero", "linear", "auto")
+    if hold not in holds:
+        raise UnknownNameError.from_choices("hold", hold, holds)
     training_logs = servo_logs(arm, logs, "logs")
     test_logs = servo_logs(arm, test, "test")
     if not training_logs:
@@ -110,15 +111,17 @@ def identify_servos(
         fit, problem, change_by_hold = _fit_with_hold(arm, training_logs, hold, known_logarithms, report_progress)
         changes = [change_by_hold, *_model_changes(arm, problem, fit)]
         widened_fit = with_model_changes(fit, changes)  # errors of the model widen the intervals
-        report_progress(0.8)
-        held_out_squares, kind = _held_out(problem, fit, test_logs)
+        report_progress(0.8)  # share of the usual time
+        (residual_squares, error_squares), kind = _held_out(problem, fit, test_logs)
     report_progress(1.0)
-    training_squares = _sums_of_squares(fit.replay.logs, problem.used, fit)
+    held_out = _shares(arm, kind, residual_squares, error_squares)
+    residual_squares, error_squares = _sums_of_squares(fit.replay.logs, problem.used, fit)
+    trained = _shares(arm, "used rows", residual_squares, error_squares)
     found = IdentifiedServos(
         original=arm,
         fit=widened_fit,
-        held_out=_shares(arm, kind, *held_out_squares),
-        trained=_shares(arm, "used rows", *training_squares),
+        held_out=held_out,
+        trained=trained,
         sizes=_typical_sizes(training_logs),
         live=moving_joints(training_logs),
         known=known_values,
@@ -269,10 +272,12 @@ def _model_changes(robot: Robot, problem: OutputErrorProblem, fit: OutputErrorFi
     excess_squares = np.maximum(residual_squares - row_count * fit.sigma**2, 0.0)
     values = np.exp(fit.p[:-1].reshape(-1, len(QUANTITIES)))
     kp = values[:, -1]
-    unexplained_torques = kp * np.sqrt(excess_squares / row_count / (fit.freedom + 1.0))
+    mean_excess_squares = excess_squares / row_count
+    unexplained_torques = kp * np.sqrt(mean_excess_squares / (fit.freedom + 1.0))
     body_torques = scale_determining_torques(robot, fit.replay.logs)
     scale_errors = unexplained_torques / np.maximum(body_torques, _MIN_BODY_TORQUE)
-    return [*changes, *problem.scale_changes(fit, J, np.minimum(scale_errors, _MAX_SCALE))]
+    bounded_errors = np.minimum(scale_errors, _MAX_SCALE)
+    return [*changes, *problem.scale_changes(fit, J, bounded_errors)]
 
 
 def _held_out(

@@ -136,13 +136,16 @@ class Painter:
             colours_by_part.append(np.tile(colour, (len(surface.faces), 1)))
         colours = np.concatenate(colours_by_part)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _MIN_NORMAL)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals /= np.maximum(lengths, _MIN_NORMAL)
         _, _, back = self.camera.axes()
         eye = self.camera.target + self.camera.distance * back
         towards_eye = np.einsum("ij,ij->i", normals, eye - corners.mean(axis=1))  # above 0 for front faces
         is_shown = (towards_eye > 0) | (colours[:, 3] == 1.0)  # transparent shapes show front faces only
-        corners, colours = corners[is_shown], colours[is_shown]
-        towards_eye, normals = towards_eye[is_shown], normals[is_shown]
+        corners = corners[is_shown]
+        colours = colours[is_shown]
+        towards_eye = towards_eye[is_shown]
+        normals = normals[is_shown]
         sides = np.where(towards_eye < 0, -1.0, 1.0)  # back faces are lit from their own side
         normals = normals * sides[:, None]
         direct_light = np.maximum(normals @ _TO_LIGHT, 0.0)
@@ -152,7 +155,8 @@ class Painter:
         far_to_near = np.argsort(-depths.mean(axis=1))
         shading_corners = _corners_of_shapes(self.shades, poses)
         heights = shading_corners[..., 2:] - self.floor
-        corners_on_floor = shading_corners - heights * (_TO_LIGHT / _TO_LIGHT[2])  # along the light
+        light_per_height = _TO_LIGHT / _TO_LIGHT[2]  # way of the light for a height of 1
+        corners_on_floor = shading_corners - heights * light_per_height
         shadows, _ = self.camera.project(corners_on_floor)
         shadow_colours = np.tile((*_SHADOW_COLOUR, 1.0), (len(shadows), 1))
         all_triangles = np.concatenate([shadows, triangles[far_to_near]])
