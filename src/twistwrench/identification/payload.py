@@ -309,11 +309,13 @@ def read_motion(
 
 def sided_doubts(log: MotionLog, side: MotorSide, limits: Limits) -> tuple[Doubt, ...]:
     """Doubts about all rows of a log of the motors' side, converted to the joints' side."""
-    runs = [side.of_joints(log.motion(run)) for run in excerpts(log.table, _RUN_COUNT, _ROWS_PER_RUN)]
+    tables_of_runs = excerpts(log.table, _RUN_COUNT, _ROWS_PER_RUN)
+    runs = [side.of_joints(log.motion(table)) for table in tables_of_runs]
     contradictions = Contradictions(log.coordinates, runs=runs)
     for portion in slices(len(log.table), _RUN_COUNT * _ROWS_PER_RUN):  # to limit memory
         first_row = max(0, portion.start - OVERLAP)
-        rows = side.of_joints(log.motion(log.table[first_row : portion.stop]))
+        table = log.table[first_row : portion.stop]
+        rows = side.of_joints(log.motion(table))
         contradictions.add(rows.time, rows.q, portion.start - first_row)
     return tuple(contradictions.doubts(limits))
 
@@ -420,7 +422,7 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
             undetermined.append(name)
     T = np.linalg.inv(robot.model.frames[frame].pose)
     unit_inertias = [SpatialInertia.from_parameters(unit_vector) for unit_vector in np.eye(10)]
-    columns = [inertia.in_frame(T).parameters for inertia in unit_inertias]
+    columns = [inertia.in_frame(T).parameters for inertia in unit_inertias]  # of the change of frame
     A = np.stack(columns, axis=1) @ S  # (10, r): parameters in the payload's frame by the groups
     G = SpatialInertia.from_parameters(A @ difference)
     C = A @ covariance @ A.T

@@ -133,7 +133,7 @@ def _example_robots() -> Iterator[FoundRobot]:
             robot_folder = path.relative_to(folder).parts[0]  # the outermost one
             files = files_by_folder.setdefault(_robot_of_folder(robot_folder), {})
             files.setdefault(plain_name(path.stem), path)
-    stem_counts = Counter(chain.from_iterable(files_by_folder.values()))
+    stem_counts = Counter(chain.from_iterable(files_by_folder.values()))  # number of folders with a file of this name
     for robot_name, files in files_by_folder.items():
         for stem, path in files.items():
             if stem_counts[stem] == 1:  # no other folder has a file of this name
@@ -147,7 +147,9 @@ def _example_robots() -> Iterator[FoundRobot]:
             yield FoundRobot(robot_name, source, files[robot_name])
         elif len(files) == 1 or all(stem.startswith(f"{robot_name}_") for stem in files):
             # all files are variants of one robot, the plainest of which has the shortest name
-            shortest_stem = min(files, key=lambda stem: (len(stem), stem))
+            shortest_stem = min(
+                files, key=lambda stem: (len(stem), stem)
+            )  # of equal lengths, the first in the alphabet
             yield FoundRobot(robot_name, source, files[shortest_stem])
 
 

@@ -240,7 +240,8 @@ class Run:
             contacts_worked = bool(y1[-1] != y[-1])  # the last entry of a state is the work of contacts
             if self.contact_durations.step(t, self.detector.gaps, worked=contacts_worked):
                 return True
-        dry_friction, moving = self.system.dry_friction, self.system.moving
+        dry_friction = self.system.dry_friction
+        moving = self.system.moving
         if dry_friction is None:
             return False
         sign_changes = np.sign(y1[moving]) != np.sign(y[moving])

@@ -187,13 +187,16 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
     contacts = trajectory.limit_contacts
     longest_first = sorted(contacts, key=lambda contact: contact.begin - contact.end)  # minus the duration
     shown = sorted(longest_first[:_MAX_LISTED_CONTACTS], key=lambda contact: contact.begin)
-    signs = ["+" if contact.side > 0 else "-" for contact in shown]  # side of the limit
+    limit_texts = []
+    for contact in shown:
+        sign = "+" if contact.side > 0 else "-"  # side of the limit
+        limit_texts.append(f"{sign} {contact.kind}")
     yield Table(
         "What limits it when",
         numbers("from", [contact.begin for contact in shown], lambda t: seconds(t, 4), "s"),
         numbers("to", [contact.end for contact in shown], lambda t: seconds(t, 4), "s"),
         words("joint", [contact.joint for contact in shown], fold=False),
-        words("limit", [f"{sign} {contact.kind}" for sign, contact in zip(signs, shown, strict=True)], fold=False),
+        words("limit", limit_texts, fold=False),
         words("", [_time_bar(contact, trajectory.duration) for contact in shown], fold=False),
     )
     remaining = len(contacts) - len(shown)

@@ -381,7 +381,7 @@ def draw_joints(
     The columns of ``values`` (n, k) belong to ``names``, and ``places`` are their colour indices, by default 0 to k - 1.
     Returns the indices of the coloured columns.
     """
-    largest_first = sorted(range(len(names)), key=lambda k: -float(sizes[k]))
+    largest_first = sorted(range(len(names)), key=lambda k: -float(sizes[k]))  # columns
     coloured_columns = sorted(largest_first[:MAX_COLOURED])
     other_columns = largest_first[MAX_COLOURED:]
     for k in coloured_columns:

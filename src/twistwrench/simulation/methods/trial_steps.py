@@ -206,7 +206,8 @@ class TrialSteps:
         """Try a step from a state and its rates (size,); returns norm of the error, steepness, distance and squared speed."""
         if self.full:
             self.restart()
-        s, k = self.system, self.count
+        s = self.system
+        k = self.count
         if self._held is not s.held:
             self._held = s.held
             self._tau[0] = s.held
