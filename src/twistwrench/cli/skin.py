@@ -37,9 +37,9 @@ A = TypeVar("A", bound=Answer)
 class OutputFile(Generic[A]):
     """File that a command writes: its option, and the method of the answer."""
 
-    form: str
+    option_text: str
     """Option and the name of its value, such as ``--csv OUT.csv``."""
-    text: str
+    help_text: str
     """Help of the option."""
     write: Callable[[A, str], object]
     """Writes the file of an answer to a path."""
@@ -61,7 +61,7 @@ class OutputFile(Generic[A]):
     @property
     def flag(self) -> str:
         """Option of the file."""
-        flag, _, _ = self.form.partition(" ")
+        flag, _, _ = self.option_text.partition(" ")
         return flag
 
     @property
@@ -72,23 +72,23 @@ class OutputFile(Generic[A]):
     @property
     def option(self) -> Decorator:
         """Declaration of the option."""
-        return option(self.form, self.text, self.name)
+        return option(self.option_text, self.help_text, self.name)
 
 
 def table_file(
     write: Callable[[A, str], object],
-    text: str,
+    help_text: str,
     *,
     exists: Callable[[A], bool] = lambda _answer: True,
     keeps: Callable[[A], bool] = lambda _answer: False,
 ) -> OutputFile[A]:
     """File of ``--csv``."""
-    help_ = f"{text}; '-' prints it in place of the report."
-    return OutputFile("--csv OUT.csv", help_, write, exists=exists, keeps=keeps)
+    full_help = f"{help_text}; '-' prints it in place of the report."
+    return OutputFile("--csv OUT.csv", full_help, write, exists=exists, keeps=keeps)
 
 
 def picture_file(
-    text: str,
+    help_text: str,
     *,
     exists: Callable[[A], bool] = lambda _answer: True,
     keeps: Callable[[A], bool] = lambda _answer: False,
@@ -100,7 +100,7 @@ def picture_file(
         return answer.plot(path=path)
 
     return OutputFile(
-        "--plot OUT.png", text, write, complete=picture_path, is_data=False, exists=exists, keeps=keeps,
+        "--plot OUT.png", help_text, write, complete=picture_path, is_data=False, exists=exists, keeps=keeps,
         missing=lambda _answer, _path: missing, require=check_matplotlib,
     )  # fmt: skip
 
@@ -131,22 +131,22 @@ class Outputs(Generic[A]):
     interrupt: KeyboardInterrupt | None = None
     """Ctrl-C during the work, raised again after the answer so far is written."""
 
-    def check(self, *, overwrite: bool, also: Mapping[str, str] | None = None) -> None:
+    def check(self, *, overwrite: bool, function_files: Mapping[str, str] | None = None) -> None:
         """Raise, before a long run, if a file cannot be written, or would replace an input or another output.
 
-        ``also`` are files that the function of the command writes itself, by argument.
+        ``function_files`` are files that the function of the command writes itself, by argument.
         """
         if self.report is not None:
             check_matplotlib()
         for file in self.files:
             file.require()
-        also = {} if also is None else also
-        paths = dict(also)
+        function_files = {} if function_files is None else function_files
+        paths = dict(function_files)
         paths |= {file.flag: path for file, path in self.files.items() if path != "-"}
         if self.report is not None:
             paths["--report"] = self.report
         check_outputs(paths, self.inputs)
-        for path in also.values():
+        for path in function_files.values():
             refuse_existing(path, overwrite=overwrite)
         for file, path in self.files.items():
             if file.is_data and path != "-":
@@ -247,7 +247,7 @@ def command_of(
     description: str = "",
     summary: str = "",
     with_robot: bool = True,
-    also: Sequence[Question] = (),
+    further_questions: Sequence[Question] = (),
     needs_robot: bool = True,
     needs_motion: bool = True,
     left_out: Collection[str] = (),
@@ -260,7 +260,7 @@ def command_of(
     The body may name these arguments: ``robot`` and ``log`` (options of the robot and of the motion), ``outputs``, any option
     by its name, and ``asked``, which has the values of all options that the body does not name, by parameter.
 
-    ``own`` are options beside those of the function, and ``also`` has further functions whose parameters become options.
+    ``own`` are options beside those of the function. Parameters of the functions of ``further_questions`` become options, too.
     Parameters in ``left_out`` get no option. ``spellings``, and ``kinds`` by annotation, apply to this command alone.
     ``reads`` returns the input files that the body reads itself; its arguments are options by their names.
     The ``summary`` stands in the list of a group.
@@ -270,7 +270,14 @@ def command_of(
         own_question = Question(function, left_out, spellings, kinds=kinds)
         all_files = (*files, _JSON)
         call = Call(
-            (own_question, *also), body, all_files, report, own, reads, with_robot=with_robot, needs_motion=needs_motion
+            (own_question, *further_questions),
+            body,
+            all_files,
+            report,
+            own,
+            reads,
+            with_robot=with_robot,
+            needs_motion=needs_motion,
         )
 
         def run(**options: Any) -> None:
