@@ -187,7 +187,9 @@ class Run:
         if self.stepper is not None:
             step_error = self.stepper.total_error(extent.spans)
         elif self.doubling.steps:
-            flow = OneByOne(self.system, self.scheme) if self.compiled is None else self.compiled
+            flow: CompiledSteps | OneByOne = OneByOne(self.system, self.scheme)
+            if self.compiled is not None:
+                flow = self.compiled
             step_error = self.doubling.errors(flow, extent.spans)
         if step_error is not None:
             self.accuracy = Accuracy.from_error(extent, step_error)

@@ -29,7 +29,7 @@ def spheres_of(scene: Scene) -> list[dict[str, Any]]:
 
     The radius is the largest distance of a vertex from the axis, so that the spheres enclose the body's flanks.
     """
-    spheres = []
+    spheres: list[dict[str, Any]] = []
     for k in range(len(scene.robot.model.bodies)):
         shapes = [shape for shape in scene.shapes if shape.body == k and shape.layer == "looks"]
         if not shapes:
