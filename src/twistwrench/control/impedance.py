@@ -50,7 +50,8 @@ class Impedance(TaskLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         set_gains(self, self.row_names, "stiffness", "damping")
-        if (self.mass is None) != (self.wrench_on_robot is None):
+        lacks_one_of_both = (self.mass is None) != (self.wrench_on_robot is None)
+        if lacks_one_of_both:
             raise ValueRangeError(
                 "Impedance: mass and wrench_on_robot go together, as a frame takes on another mass only where the wrench on it "
                 "is known. Give both, or neither for the robot's own inertia."

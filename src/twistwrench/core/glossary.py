@@ -377,7 +377,9 @@ def complete(module: Mapping[str, Any]) -> None:
             members += vars(value).values()
         for member in members:
             function = getattr(member, "__func__", member)  # of a class method
-            if isinstance(function, FunctionType) and function.__doc__ and "\n" in function.__doc__:
+            if not isinstance(function, FunctionType) or function.__doc__ is None:
+                continue
+            if "\n" in function.__doc__:  # a docstring of one line has no sections
                 result = function.__annotations__.get("return", "")
                 function.__doc__ = complete_docstring(function.__doc__, signature_names(function), room, result)
 

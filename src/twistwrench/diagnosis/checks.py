@@ -144,6 +144,7 @@ def _efforts_below_weight(robot: ParsedFile) -> Iterator[Finding]:
     efforts = robot.model.limits.effort
     max_torques = np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)  # of each joint over all poses
     overloaded = np.flatnonzero(max_torques > efforts + margin(efforts))
+    # an effort of 0 has no multiple
     far_overloaded = [k for k in overloaded if max_torques[k] > BY_WEIGHT * efforts[k] > 0]
     names = robot.model.velocity_names
     slightly_overloaded_names = [names[k] for k in overloaded if k not in far_overloaded]

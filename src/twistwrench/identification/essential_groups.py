@@ -99,7 +99,8 @@ def _solve(information: Information, groups: Array, size: Array) -> Array:
     """Values of some groups (indices), with a weak prior of mean 0 and standard deviations ``size``."""
     N, c, _ = information
     S = size[groups]
-    A = N[np.ix_(groups, groups)] * S[:, None] * S + np.eye(len(groups))  # for the values x / S
+    own_N = N[np.ix_(groups, groups)]
+    A = own_N * S[:, None] * S + np.eye(len(groups))  # for the values x / S
     return np.asarray(S * np.linalg.solve(A, S * c[groups]))
 
 

@@ -128,7 +128,9 @@ class ReadingLog:
         [[0.0, 0.0, -9.81]]
         """
         plain = plain_arrays({"pose": pose, "V": V, "dV": dV})  # without labels of frames
-        pose, V, dV = plain["pose"], plain["V"], plain["dV"]
+        pose = plain["pose"]
+        V = plain["V"]
+        dV = plain["dV"]
         F = np.array(arguments.real(readings, f"{name}: readings"), float)
 
         if F.size == 0:
@@ -153,11 +155,13 @@ class ReadingLog:
             raise ValueRangeError(
                 f"{name}: {WRENCH[column]} of reading {row} is {F[row, column]}. Readings must be finite: fill or remove it."
             )
-        if not np.any(gravity_rows, axis=1).all():
+        has_gravity = np.any(gravity_rows, axis=1)
+        if not has_gravity.all():
             raise ValueRangeError(
                 f"{name}: gravity is zero in a reading, so nothing has a weight. Give {STRENGTH} m/s² of it."
             )
-        if (V is None) != (dV is None):
+        lacks_one_of_both = (V is None) != (dV is None)
+        if lacks_one_of_both:
             raise ValueRangeError(f"{name}: V and dV belong together. Give both, or neither for a sensor at rest.")
         t = None if time is None else _increasing_times(time, n, name)
         R = None if pose is None else np.broadcast_to(checked_rotations(pose), (n, 3, 3))

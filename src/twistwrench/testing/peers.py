@@ -93,8 +93,9 @@ def _pinocchio(robot: Robot) -> Residual:
         import pinocchio
     except ImportError:
         raise MissingExtraError.from_extra("pin", "peers", "Comparing with Pinocchio") from None
-    root = [pinocchio.JointModelFreeFlyer()] if _has_added_root(robot) else []
-    model = _read_by("Pinocchio", path, lambda: pinocchio.buildModelFromUrdf(str(path), *root))
+    # the joint of a floating base is an optional argument
+    root_arguments = [pinocchio.JointModelFreeFlyer()] if _has_added_root(robot) else []
+    model = _read_by("Pinocchio", path, lambda: pinocchio.buildModelFromUrdf(str(path), *root_arguments))
     model.gravity.linear = robot.gravity
     data = model.createData()
     P = pinocchio_rates(robot, model)  # maps dq of the robot to Pinocchio's

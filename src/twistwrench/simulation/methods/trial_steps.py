@@ -177,7 +177,7 @@ class TrialSteps:
         plan_inputs = [(values[name], first_row) for name, _ in plan.inputs[1:]]
         tolerance_inputs = [(np.array([tolerance]), first_row) for tolerance in tolerances]
         inputs: list[Rows] = [*rows_before, (self._K, first_row), *error_rows, (self._h, first_row)]
-        plan_input_names = list(dict(plan.inputs))
+        plan_input_names = [name for name, _ in plan.inputs]
         first_plan_input = len(inputs) - 1  # the length of the step, which is the first input of the plan
         tau_input = first_plan_input + plan_input_names.index("tau")
         inputs += [*plan_inputs, *tolerance_inputs]
