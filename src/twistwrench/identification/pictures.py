@@ -84,7 +84,7 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
         half_width = _BAND * np.sqrt(np.maximum(variance, 0.0))
         axes.fill_between(dq, torque - half_width, torque + half_width, color=style.PALE, linewidth=0, label="95 %")
         axes.plot(dq, torque, color=style.LINE, linewidth=1.2, label="identified")
-        # a robot file has no static excess and no offset
+        # of the file, only viscous and Coulomb friction are drawn
         file_torque = model.friction.viscous[k] * dq + model.friction.coulomb[k] * smooth_sign
         axes.plot(dq, file_torque, "--", color=style.VERMILION, linewidth=1, label="file")
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
