@@ -57,13 +57,14 @@ def columns_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Colu
         return evaluate_quantity(quantity, regrouped_model, list(arrays), options)
 
     inputs = inputs_of(model, FORWARD_DERIVATIVES, options)
-    program = trace(derivatives_and_factors, inputs, [*quantity.outputs, "W", "D"])
+    factors = ["W", "D"]  # results that only the groups use
+    program = trace(derivatives_and_factors, inputs, [*quantity.outputs, *factors])
     column_groups = _column_groups(program, model.nv)
-    return ColumnSolve(program, _TAU_DERIVATIVES, tuple(column_groups))
+    return ColumnSolve(program, len(factors), tuple(column_groups))
 
 
 _TAU_DERIVATIVES = 2
-"""Number of matrices ∂τ for whose columns the loop solves: ∂τ/∂q and ∂τ/∂dq."""
+"""Number of matrices ∂τ, the first results of the program: ∂τ/∂q and ∂τ/∂dq."""
 
 
 def _column_groups(program: Program, n: int) -> list[ColumnGroup]:
