@@ -104,12 +104,14 @@ class MeasuringPoses(Answer):
     @property
     def kind(self) -> str:
         """Kind of the readings."""
-        return str(self.fit.problem.measured[-1].kind)
+        planned_readings = self.fit.problem.measured[-1]  # existing readings come first
+        return str(planned_readings.kind)
 
     @property
     def count(self) -> int:
         """Number of readings that are planned."""
-        return self.fit.problem.measured[-1].count
+        planned_readings = self.fit.problem.measured[-1]
+        return planned_readings.count
 
     @property
     def subject(self) -> str:
@@ -194,7 +196,10 @@ class MeasuringPoses(Answer):
         with csv_table(path, header) as table:
             for row, q in enumerate(self.q * factors):
                 partner = row ^ 1  # rows 0 and 1 are a pair, 2 and 3, ...
-                table.row([*q, partner] if is_of_pairs else q)
+                cells = [*q]
+                if is_of_pairs:
+                    cells.append(partner)
+                table.row(cells)
         return Path(path)
 
 
@@ -290,10 +295,14 @@ def measuring_poses(
         )
     chosen_indices = design.choose(candidates, reading_count, goal)
     reference = arm.random_configuration(seed + 1, REFERENCE)
-    counts = (*(n for n in _MILESTONES if n < reading_count), reading_count)
-    fits = [design.fit(candidates.taken(chosen_indices[:n]), goal) for n in counts]  # of the first n chosen readings
+    milestones = [n for n in _MILESTONES if n < reading_count]
+    counts = (*milestones, reading_count)
+    fits = []
+    for n in counts:
+        first_chosen = candidates.taken(chosen_indices[:n])
+        fits.append(design.fit(first_chosen, goal))
     remaining = np.array([Remaining(fit, reference, design.accuracy).rms for fit in fits])
-    fit = fits[-1]
+    fit = fits[-1]  # of all chosen readings
     ordered_q = _in_order_of_moves(fit.problem.measured[-1])
     by_file = Remaining(fit, reference, design.accuracy).by_file
     return MeasuringPoses(arm, ordered_q, fit, counts, remaining, by_file, (length, angle), is_off_axis, capsules)
@@ -307,7 +316,7 @@ def _start(chain: TipChain, existing: CalibrationFit | None) -> tuple[Correction
     if existing is not None:
         return existing.state.corrections, False
     start = chain.start
-    screw = chain.screws[-1]
+    screw = chain.screws[-1]  # of the last joint
     if not chain.turning[-1]:
         return start, False
     axis = screw[:3]
@@ -354,7 +363,8 @@ def _clear_configurations(
     if goal is not None:
         T = chain.tips(q, at)
         direction = goal - T[:, :3, 3]
-        distance_along_z = (direction * T[:, :3, 2]).sum(axis=1)
+        z_axis = T[:, :3, 2]
+        distance_along_z = (direction * z_axis).sum(axis=1)
         is_suitable &= distance_along_z >= FACING * np.linalg.norm(direction, axis=1)
     return np.asarray(q[is_suitable])
 
@@ -368,8 +378,10 @@ def _expected_readings(chain: TipChain, at: Corrections, q: Array, kind: str, go
     if kind == "position":
         return Measurements(q, positions=p)
     if kind == "distance":
-        return Measurements(q, distances=np.maximum(np.linalg.norm(p - goal, axis=1), _MIN_DISTANCE))
-    pairs = np.arange(len(q) // 2 * 2).reshape(-1, 2)  # successive configurations
+        distances = np.linalg.norm(p - goal, axis=1)
+        return Measurements(q, distances=np.maximum(distances, _MIN_DISTANCE))
+    pair_count = len(q) // 2
+    pairs = np.arange(2 * pair_count).reshape(-1, 2)  # successive configurations
     distances = np.linalg.norm(p[pairs[:, 0]] - p[pairs[:, 1]], axis=1)
     is_measurable = distances > OFF_AXIS
     return Measurements(q, pairs=pairs[is_measurable], distances=distances[is_measurable], kind="pair")
@@ -401,9 +413,12 @@ class _Design:
     def fit(self, planned: Measurements, goal: Array | None) -> CalibrationFit:
         """Existing and planned readings, linearised at the start, with weights 1/σ."""
         length_noise, angle_noise = self.noise
+        # rows of a reading: angles first, then lengths
         planned_weights = np.full((planned.count, planned.rows_each), 1.0 / length_noise)
         planned_weights[:, : planned.angle_rows] = 1.0 / angle_noise
-        measured, targets, weights = [planned], [_target(planned, goal)], [planned_weights]
+        measured = [planned]
+        targets = [_target(planned, goal)]
+        weights = [planned_weights]
         if self.existing is not None:
             measured = [*self.existing.problem.measured, *measured]
             targets = [*self.existing.state.targets, *targets]
@@ -418,7 +433,8 @@ class _Design:
         Parameters are in units of the file's accuracy, so that the file adds the unit matrix to M.
         """
         fit = self.fit(candidates, goal)
-        wide = Remaining(fit, candidates.q[:1], self.accuracy).wide  # deviations of the parameters by the file
+        any_configuration = candidates.q[:1]  # the following deviations do not depend on it
+        wide = Remaining(fit, any_configuration, self.accuracy).wide  # deviations of the parameters by the file
         *existing_designs, design = fit.equations.design
         *existing_weights, weights = fit.weights
         A = design * weights[..., None] * wide
@@ -433,7 +449,7 @@ class _Design:
             _, gain = np.linalg.slogdet(unit + A @ C @ np.swapaxes(A, 1, 2))  # log det(1 + A M⁻¹ A')
             gain[chosen_indices] = -np.inf
             equally_good = np.flatnonzero(gain > gain.max() - _MAX_GAIN_OF_TIE)
-            best = int(equally_good[0])  # the same on every machine
+            best = int(equally_good[0])  # the same on every machine, whatever its rounding errors
             chosen_indices.append(best)
             X = A[best] @ C
             C = C - X.T @ np.linalg.solve(unit + X @ A[best].T, X)  # (M + A'A)⁻¹

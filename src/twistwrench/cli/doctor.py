@@ -50,7 +50,7 @@ def _changes_links(report: DoctorReport) -> bool:
     examples=("doctor ur5", "doctor quadruped --report quadruped.html"),
     with_robot=False,
     reads=lambda source: {"ROBOT": source if Path(source).is_file() else None},
-    also=(LOADING.only("xacro"),),
+    further_questions=(LOADING.only("xacro"),),
 )
 def doctor_command(
     asked: Asked,

@@ -44,7 +44,7 @@ _C_OPTIONS = ("precision", "prefix", "test")
     ),
     PAYLOADS,
     option("--gravity-input", "Make gravity an input of each function."),
-    also=(
+    further_questions=(
         Question(
             Robot.export_st,
             left_out=("quantities", "path", *_C_OPTIONS),
@@ -133,7 +133,7 @@ def convert_command(robot: RobotOptions, asked: Asked, outputs: Outputs[Saved], 
 
     Properties that the format cannot represent are listed. With --strict they make the verdict UNSURE and the exit code 1.
     """
-    outputs.check(overwrite=overwrite, also={"OUT": path})
+    outputs.check(overwrite=overwrite, function_files={"OUT": path})
     loaded_robot = robot.load()
     saved = save(loaded_robot, Path(path), overwrite=overwrite, **asked)
     _note_shapes(len(loaded_robot.model.shaped))
@@ -165,7 +165,7 @@ def join_command(
     one at a FRAME of the cell so far, by default its tip; parts on the frame 'floor' stand side by side. Lengths are in m,
     angles in rad, or as 30deg. PREFIX is put before the names of the part.
     """
-    outputs.check(overwrite=overwrite, also={"OUT": path})
+    outputs.check(overwrite=overwrite, function_files={"OUT": path})
     writer_of(path)
     cell = join(*parts, **{"name": Path(path).stem, **asked})
     outputs.add(OutputFile("OUT", "", partial(_write_cell, overwrite=overwrite)), path)

@@ -313,8 +313,8 @@ def _plan_files(
         for sentence in found.write(robot_path, actuators_path, force=force, **options):
             note(sentence)
 
-    outputs.written_by("--out", write_both)
-    outputs.written_by("--out-actuators", write_both)
+    outputs.set_writer("--out", write_both)
+    outputs.set_writer("--out-actuators", write_both)
 
 
 # ── ``excite``: a motion whose log tells most

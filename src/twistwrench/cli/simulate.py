@@ -67,6 +67,11 @@ def _simulation_result(answer: Simulated) -> SimulationResult:
     return answer
 
 
+def _write_csv(answer: Simulated, path: str) -> object:
+    result = _simulation_result(answer)
+    return result.to_csv(path, degrees=result.degrees)
+
+
 @command_of(
     "simulate",
     Robot.simulate,
@@ -95,7 +100,7 @@ def _simulation_result(answer: Simulated) -> SimulationResult:
     shared.DEGREES,
     files=(
         table_file(
-            lambda answer, path: _simulation_result(answer).to_csv(path, degrees=_simulation_result(answer).degrees),
+            _write_csv,
             "Write the motion, which torques and view read",
             exists=_is_simulated,
             keeps=_is_cut_off,
@@ -195,7 +200,8 @@ def _ground_planes(robot: Robot, touch: tuple[str, ...], ground: float | None, c
         3,
     )
     points_by_frame: dict[str, list[list[float]]] = {}
-    for text in touch or (robot.tip or "",):
+    tip = "" if robot.tip is None else robot.tip
+    for text in touch or (tip,):
         frame, colon, coordinates = text.partition(":")
         if not frame:  # the robot has no tip
             robot.model.frame(None)  # only for its error, which lists the names

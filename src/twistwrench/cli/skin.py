@@ -37,9 +37,9 @@ A = TypeVar("A", bound=Answer)
 class OutputFile(Generic[A]):
     """File that a command writes: its option, and the method of the answer."""
 
-    form: str
+    option_text: str
     """Option and the name of its value, such as ``--csv OUT.csv``."""
-    text: str
+    help_text: str
     """Help of the option."""
     write: Callable[[A, str], object]
     """Writes the file of an answer to a path."""
@@ -61,7 +61,7 @@ class OutputFile(Generic[A]):
     @property
     def flag(self) -> str:
         """Option of the file."""
-        flag, _, _ = self.form.partition(" ")
+        flag, _, _ = self.option_text.partition(" ")
         return flag
 
     @property
@@ -72,23 +72,23 @@ class OutputFile(Generic[A]):
     @property
     def option(self) -> Decorator:
         """Declaration of the option."""
-        return option(self.form, self.text, self.name)
+        return option(self.option_text, self.help_text, self.name)
 
 
 def table_file(
     write: Callable[[A, str], object],
-    text: str,
+    help_text: str,
     *,
     exists: Callable[[A], bool] = lambda _answer: True,
     keeps: Callable[[A], bool] = lambda _answer: False,
 ) -> OutputFile[A]:
     """File of ``--csv``."""
-    help_ = f"{text}; '-' prints it in place of the report."
-    return OutputFile("--csv OUT.csv", help_, write, exists=exists, keeps=keeps)
+    full_help = f"{help_text}; '-' prints it in place of the report."
+    return OutputFile("--csv OUT.csv", full_help, write, exists=exists, keeps=keeps)
 
 
 def picture_file(
-    text: str,
+    help_text: str,
     *,
     exists: Callable[[A], bool] = lambda _answer: True,
     keeps: Callable[[A], bool] = lambda _answer: False,
@@ -100,7 +100,7 @@ def picture_file(
         return answer.plot(path=path)
 
     return OutputFile(
-        "--plot OUT.png", text, write, complete=picture_path, is_data=False, exists=exists, keeps=keeps,
+        "--plot OUT.png", help_text, write, complete=picture_path, is_data=False, exists=exists, keeps=keeps,
         missing=lambda _answer, _path: missing, require=check_matplotlib,
     )  # fmt: skip
 
@@ -131,30 +131,30 @@ class Outputs(Generic[A]):
     interrupt: KeyboardInterrupt | None = None
     """Ctrl-C during the work, raised again after the answer so far is written."""
 
-    def check(self, *, overwrite: bool, also: Mapping[str, str] | None = None) -> None:
+    def check(self, *, overwrite: bool, function_files: Mapping[str, str] | None = None) -> None:
         """Raise, before a long run, if a file cannot be written, or would replace an input or another output.
 
-        ``also`` are files that the function of the command writes itself, by argument.
+        ``function_files`` are files that the function of the command writes itself, by argument.
         """
         if self.report is not None:
             check_matplotlib()
         for file in self.files:
             file.require()
-        also = also or {}
-        paths = dict(also)
+        function_files = {} if function_files is None else function_files
+        paths = dict(function_files)
         paths |= {file.flag: path for file, path in self.files.items() if path != "-"}
         if self.report is not None:
             paths["--report"] = self.report
         check_outputs(paths, self.inputs)
-        for path in also.values():
+        for path in function_files.values():
             refuse_existing(path, overwrite=overwrite)
         for file, path in self.files.items():
             if file.is_data and path != "-":
                 refuse_existing(path, overwrite=overwrite)
 
     @cached_property
-    def printed(self) -> OutputFile[A] | None:
-        """File that is printed in place of the report; None without one."""
+    def printed_file(self) -> OutputFile[A] | None:
+        """File that is printed in place of the report, by the path "-"; None without one."""
         to_print = [file for file, path in self.files.items() if path == "-"]
         if not to_print:
             return None
@@ -163,7 +163,7 @@ class Outputs(Generic[A]):
             raise ValueRangeError(f"{flags} would print two files as one. Choose one, or give the other a name.")
         return to_print[0]
 
-    def written_by(self, flag: str, write: Callable[[A, str], object]) -> None:
+    def set_writer(self, flag: str, write: Callable[[A, str], object]) -> None:
         """Replace the method that writes the file of an option."""
         files = {}
         for file, path in self.files.items():
@@ -204,7 +204,7 @@ class Outputs(Generic[A]):
                 note(f"{path} is kept as it was: the motion is not complete. Name another file for it.")
             elif file.exists(answer):
                 file.write(answer, path)
-                show_written(f"{path}{file.comment(answer)}", to_error=self.printed is not None)
+                show_written(f"{path}{file.comment(answer)}", to_error=self.printed_file is not None)
             else:
                 reason = file.missing(answer, path)
                 if reason:
@@ -212,10 +212,11 @@ class Outputs(Generic[A]):
 
     def print(self, answer: A) -> None:
         """Print the file of ``-``."""
-        assert self.printed is not None
+        assert self.printed_file is not None
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, f"out.{self.printed.flag[2:]}")
-            self.printed.write(answer, str(path))
+            suffix = self.printed_file.flag.removeprefix("--")  # of --csv or --json
+            path = Path(folder, f"out.{suffix}")
+            self.printed_file.write(answer, str(path))
             with path.open(encoding="utf-8", newline="") as text:
                 while portion := text.read(_CHARACTERS_PER_READ):
                     click.echo(portion, nl=False)
@@ -246,7 +247,7 @@ def command_of(
     description: str = "",
     summary: str = "",
     with_robot: bool = True,
-    also: Sequence[Question] = (),
+    further_questions: Sequence[Question] = (),
     needs_robot: bool = True,
     needs_motion: bool = True,
     left_out: Collection[str] = (),
@@ -259,16 +260,24 @@ def command_of(
     The body may name these arguments: ``robot`` and ``log`` (options of the robot and of the motion), ``outputs``, any option
     by its name, and ``asked``, which has the values of all options that the body does not name, by parameter.
 
-    ``own`` are options beside those of the function, and ``also`` has further functions whose parameters become options.
+    ``own`` are options beside those of the function. Parameters of the functions of ``further_questions`` become options, too.
     Parameters in ``left_out`` get no option. ``spellings``, and ``kinds`` by annotation, apply to this command alone.
     ``reads`` returns the input files that the body reads itself; its arguments are options by their names.
     The ``summary`` stands in the list of a group.
     """
 
     def decorate(body: Callable[..., Any]) -> click.Command:
-        questions = (Question(function, left_out, spellings, kinds=kinds), *also)
+        own_question = Question(function, left_out, spellings, kinds=kinds)
+        all_files = (*files, _JSON)
         call = Call(
-            questions, body, (*files, _JSON), report, own, reads, with_robot=with_robot, needs_motion=needs_motion
+            (own_question, *further_questions),
+            body,
+            all_files,
+            report,
+            own,
+            reads,
+            with_robot=with_robot,
+            needs_motion=needs_motion,
         )
 
         def run(**options: Any) -> None:
@@ -308,11 +317,15 @@ class Call(Generic[A]):
     """Call of a command: its options, and from their values the answer, its report and its files."""
 
     questions: Sequence[Question]
+    """Functions whose parameters become options."""
     body: Callable[..., A]
     files: Sequence[OutputFile[A]]
     report: bool
+    """True if the command has ``--report``."""
     own: Sequence[Decorator]
+    """Options of the command beside those of the functions."""
     reads: Callable[..., Mapping[str, str | Path | None]] | None
+    """Returns the input files that the body reads itself; None without such files."""
     with_robot: bool
     needs_motion: bool
 
@@ -358,7 +371,8 @@ class Call(Generic[A]):
         values: dict[str, Any] = {}
         inputs: dict[str, str | Path | None] = {}
         if self.reads is not None:
-            inputs |= self.reads(**{name: options[name] for name in _argument_names(self.reads)})
+            arguments_of_reads = {name: options[name] for name in _argument_names(self.reads)}
+            inputs |= self.reads(**arguments_of_reads)
         for question in self.questions:
             question_values = question.values(options)
             values |= question_values
@@ -375,7 +389,8 @@ class Call(Generic[A]):
         for question in self.questions:
             defaults |= question.defaults
         arguments = {**options, **defaults, **values, "asked": asked, "robot": robot, "log": log, "outputs": outputs}
-        answer = self.body(**{name: arguments[name] for name in self.body_arguments})
+        own_arguments = {name: arguments[name] for name in self.body_arguments}
+        answer = self.body(**own_arguments)
         self._show(answer, outputs)
         if outputs.interrupt is not None:
             raise outputs.interrupt
@@ -383,14 +398,17 @@ class Call(Generic[A]):
 
     def _outputs(self, options: Mapping[str, Any], inputs: Mapping[str, str | Path | None]) -> Outputs[A]:
         """Output files; raises if one cannot be written."""
-        paths = {file: file.complete(options[file.name]) for file in self.files if options[file.name] is not None}
-        outputs = Outputs(paths, options.get("file_report"), bool(options.get("full_paths")), inputs)
+        requested_files = [file for file in self.files if options[file.name] is not None]
+        paths = {file: file.complete(options[file.name]) for file in requested_files}
+        report_path = options.get("file_report")  # a command without --report has neither option
+        full_paths = bool(options.get("full_paths"))
+        outputs = Outputs(paths, report_path, full_paths, inputs)
         outputs.check(overwrite=options["overwrite"])
         return outputs
 
     def _show(self, answer: A, outputs: Outputs[A]) -> None:
         """Print the report or the file that replaces it, and write the files."""
-        prints_file = outputs.printed is not None and outputs.printed.exists(answer)
+        prints_file = outputs.printed_file is not None and outputs.printed_file.exists(answer)
         if not prints_file:
             show_answer(answer)
         outputs.write(answer)

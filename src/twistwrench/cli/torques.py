@@ -130,7 +130,7 @@ def _with_picture(
     """The report itself, after the picture of --plot is set to a kind and joints."""
     if kind == "motors" and not report.motors:
         raise ValueRangeError("--kind motors: the actuator file describes no motor.")
-    outputs.written_by("--plot", lambda answer, path: _plot(_single_report(answer), kind, path, joints))
+    outputs.set_writer("--plot", lambda answer, path: _plot(_single_report(answer), kind, path, joints))
     return report
 
 

@@ -133,7 +133,7 @@ def _write_film(answer: Shown, path: str) -> None:
     "view",
     check,
     option("--no-browser", "Print the path of the page, without opening a browser."),
-    also=(
+    further_questions=(
         Question(scene_of).only("meshes"),
         Question(write_page).only("section", "embed", "control"),
         Question(film).only("speed"),

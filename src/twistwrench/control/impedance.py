@@ -50,7 +50,8 @@ class Impedance(TaskLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         set_gains(self, self.row_names, "stiffness", "damping")
-        if (self.mass is None) != (self.wrench_on_robot is None):
+        lacks_one_of_both = (self.mass is None) != (self.wrench_on_robot is None)
+        if lacks_one_of_both:
             raise ValueRangeError(
                 "Impedance: mass and wrench_on_robot go together, as a frame takes on another mass only where the wrench on it "
                 "is known. Give both, or neither for the robot's own inertia."
@@ -68,14 +69,17 @@ class Impedance(TaskLaw):
         task = self.task(t, q, dq)
         spring_and_damper = self._stiffness @ task.error + self._damping @ task.error_rate  # K X_e + B V_e
         if self.wrench_on_robot is None:
-            return self._torques(t, q, dq, task, task.Lambda @ task.feedforward + spring_and_damper)
-        measured = self.wrench_on_robot(t, *one_state(self.robot, "Impedance", q, dq))
+            force = task.Lambda @ task.feedforward + spring_and_damper
+            return self._torques(t, q, dq, task, force)
+        one_q, one_dq = one_state(self.robot, "Impedance", q, dq)
+        measured = self.wrench_on_robot(t, one_q, one_dq)
         wrench = arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6)
         external_torques = self.robot.wrench_torques(q, wrench, self.frame)
         external_acceleration = np.linalg.solve(self.robot.mass_matrix(q), external_torques)  # M⁻¹ τ_ext
         F = task.Lambda @ task.J @ external_acceleration  # exact if all rows are selected, or other rows are zero
         desired_acceleration = task.feedforward + self._inverse_mass @ (spring_and_damper + F)
-        return self._torques(t, q, dq, task, task.Lambda @ desired_acceleration - F)
+        force = task.Lambda @ desired_acceleration - F
+        return self._torques(t, q, dq, task, force)
 
 
 complete(globals())

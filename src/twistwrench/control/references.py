@@ -61,11 +61,11 @@ class PoseMotion:
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """T (4, 4), the body twist V (6,) and dV/dt (6,) at t [s]."""
         s, ds, dds = map(float, _motion_values(self.scaling, "PoseMotion: the scaling", t))
-        V_per_s = self.path.body_twist(s)  # body twist for ds/dt = 1
-        dV_per_s = np.zeros(6)  # derivative of V_per_s by s
+        V_path = self.path.body_twist(s)  # for ds/dt = 1
+        dV_path = np.zeros(6)  # derivative of V_path by s
         if self.path.straight:
-            dV_per_s[3:] = -so3.cross(V_per_s[:3], V_per_s[3:])  # R turns in v = R'(p1 - p0)
-        return self.path(s), V_per_s * ds, V_per_s * dds + dV_per_s * ds * ds
+            dV_path[3:] = -so3.cross(V_path[:3], V_path[3:])  # R turns in v = R'(p1 - p0)
+        return self.path(s), V_path * ds, V_path * dds + dV_path * ds * ds
 
 
 def joint_motion(robot: Robot, reference: Reference, what: str) -> Motion:
@@ -195,8 +195,8 @@ def require_driven(robot: object, what: str) -> Robot:
     undriven_joints = multi_dof_joints(checked.model)
     if undriven_joints:
         raise ValueRangeError(
-            f"{what} needs a torque for every velocity, and {', '.join(undriven_joints)} of robot {checked.name!r} is not a joint of "
-            "one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
+            f"{what} needs a torque for every velocity, and {', '.join(undriven_joints)} of robot {checked.name!r} is not a "
+            "joint of one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
         )
     return checked
 

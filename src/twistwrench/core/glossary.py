@@ -340,7 +340,8 @@ def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = 
     text = "\n".join(sections[""])
     for title in SECTIONS:
         if sections.get(title):
-            text += f"\n\n{indent}{title}\n{indent}{'-' * len(title)}\n" + "\n".join(sections[title])
+            underline = "-" * len(title)
+            text += f"\n\n{indent}{title}\n{indent}{underline}\n" + "\n".join(sections[title])
     return f"{text}\n{indent}"
 
 
@@ -358,7 +359,10 @@ def _with_errors(raised: list[str], errors: Mapping[str, str], indent: str) -> l
 
 def room_of(folders: Sequence[str]) -> str:
     """Deepest of a module's folders that has its own wording in :data:`ROOMS`; empty if none has."""
-    return next((folder for folder in reversed(folders) if folder in ROOMS), "")
+    for folder in reversed(folders):
+        if folder in ROOMS:
+            return folder
+    return ""
 
 
 def complete(module: Mapping[str, Any]) -> None:
@@ -368,16 +372,20 @@ def complete(module: Mapping[str, Any]) -> None:
     for value in list(module.values()):
         if getattr(value, "__module__", None) != module_name:  # imported from elsewhere
             continue
-        members = [value, *vars(value).values()] if isinstance(value, type) else [value]
+        members = [value]
+        if isinstance(value, type):
+            members += vars(value).values()
         for member in members:
             function = getattr(member, "__func__", member)  # of a class method
-            if isinstance(function, FunctionType) and function.__doc__ and "\n" in function.__doc__:
+            if not isinstance(function, FunctionType) or function.__doc__ is None:
+                continue
+            if "\n" in function.__doc__:  # a docstring of one line has no sections
                 result = function.__annotations__.get("return", "")
                 function.__doc__ = complete_docstring(function.__doc__, signature_names(function), room, result)
 
 
 def signature_names(function: Any) -> list[str]:
-    """Parameter names of a function, or of the function that it wraps as a decorator, without ``self`` and ``cls``."""
+    """Parameter names of a function without ``self`` and ``cls``; of a decorated function, those of the original."""
     wrapped = getattr(function, "__wrapped__", function)
     if wrapped.__name__ != function.__name__:  # not a decorator: its signature is its own
         wrapped = function
@@ -399,7 +407,7 @@ def _sections(doc: str) -> tuple[dict[str, list[str]], str]:
             sections[title] = _without_trailing_blanks(lines[first_line : k - 1])
             title = heading
             first_line = k + 1
-            indent = line[: -len(heading)]
+            indent = line[: -len(heading)]  # the underline is as long as the heading
     sections[title] = lines[first_line:]
     return sections, indent
 

@@ -17,7 +17,9 @@ MAX_LISTED = 12
 
 _MAX_QUOTATION_LENGTH = 200
 """Maximum number of quoted characters from foreign text in a message."""
-_LONG_QUOTATION = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_MAX_QUOTATION_LENGTH}}}(?:[^{q}\\]|\\.)+{q}" for q in "'\"")
+_LONG_QUOTATION = "|".join(  # for either mark
+    rf"(?<!\w){mark}(?:[^{mark}\\]|\\.){{{_MAX_QUOTATION_LENGTH}}}(?:[^{mark}\\]|\\.)+{mark}" for mark in "'\""
+)
 """Long text between quotation marks as written by repr; an apostrophe within a word does not start one."""
 
 
@@ -183,7 +185,10 @@ def _option_text(argument: Argument) -> str:
     if has_no_value or argument.alone:
         return f"--{name}"
     if isinstance(value, Mapping):
-        entry_texts = [f"{quote_name(key)}={quote_name(str(entry))}" for key, entry in value.items()]
+        entry_texts = []
+        for key, entry in value.items():
+            entry_text = quote_name(str(entry))
+            entry_texts.append(f"{quote_name(key)}={entry_text}")
         text = ",".join(entry_texts)
         has_words = any(isinstance(entry, str) for entry in value.values())
         if has_words and "'" not in text:  # quoted even if the shell would not need it

@@ -70,13 +70,16 @@ def _limits_in_degrees(robot: ParsedFile, severity: Severity) -> Iterator[Findin
         if limit is None or joint.text("type") != "revolute":
             continue
         limits = {name: limit.optional_number(name) or 0.0 for name in ("lower", "upper")}  # a missing limit is 0
-        if not _TWO_TURNS < max(map(abs, limits.values())) < _MAX_LIMIT:
+        largest = max(map(abs, limits.values()))
+        if not _TWO_TURNS < largest < _MAX_LIMIT:
             continue
         if not all(angle.is_integer() for angle in limits.values()):
             continue
-        edits = [
-            Edit(limit.locate(name), file_number(math.radians(degrees))) for name, degrees in limits.items() if degrees
-        ]
+        edits = []
+        for name, degrees in limits.items():
+            if degrees != 0.0:
+                radians_text = file_number(math.radians(degrees))
+                edits.append(Edit(limit.locate(name), radians_text))
         yield _joint_finding(
             joint, "degrees", severity,
             f"its limits, {printed(limits['lower'])} to {printed(limits['upper'])} rad, look like degrees",
@@ -141,13 +144,15 @@ def _efforts_below_weight(robot: ParsedFile) -> Iterator[Finding]:
     efforts = robot.model.limits.effort
     max_torques = np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)  # of each joint over all poses
     overloaded = np.flatnonzero(max_torques > efforts + margin(efforts))
+    # an effort of 0 has no multiple
     far_overloaded = [k for k in overloaded if max_torques[k] > BY_WEIGHT * efforts[k] > 0]
     names = robot.model.velocity_names
     slightly_overloaded_names = [names[k] for k in overloaded if k not in far_overloaded]
     far_overloaded_names = [names[k] for k in far_overloaded]
     sentence = "the robot's own weight takes more than the effort at some pose"
     yield from _collective_finding(robot, "effort", slightly_overloaded_names, sentence)
-    max_ratio = max((max_torques[k] / efforts[k] for k in far_overloaded), default=0.0)
+    ratios = [max_torques[k] / efforts[k] for k in far_overloaded]
+    max_ratio = max(ratios, default=0.0)
     sentence = (
         f"the robot's own weight takes up to {number(max_ratio, 3)} times the effort: is a mass in grams, a centre of mass "
         "in millimetres, or an effort that of the motor before the gear?"
@@ -231,9 +236,11 @@ def _collective_finding(
     if not names:
         return
     first_joint = robot.joints.get(names[0])  # the finding points at it
-    line, file = 0, ""
+    line = 0
+    file = ""
     if first_joint is not None:
-        line, file = first_joint.line, first_joint.file
+        line = first_joint.line
+        file = first_joint.file
     noun = "joint" if len(names) == 1 else "joints"
     yield Finding(
         check, severity, f"{noun} {listed(map(repr, names), _MAX_LISTED_JOINTS)}", line, sentence,

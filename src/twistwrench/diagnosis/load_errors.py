@@ -48,7 +48,8 @@ def _element_errors(root: Element) -> Iterator[LoadError]:
             try:
                 add(builder, element)
             except TwistWrenchError as error:
-                yield LoadError(f"{tag} {element.attributes.get('name', '')!r}", element.line, str(error))
+                name = element.attributes.get("name", "")
+                yield LoadError(f"{tag} {name!r}", element.line, str(error))
 
 
 def _tree_errors(root: Element) -> Iterator[LoadError]:

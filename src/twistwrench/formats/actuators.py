@@ -22,7 +22,7 @@ from .yaml import Section, Source, plain_number, read_yaml, short_text
 
 _RAD_PER_METRE: dict[str, Callable[[float], float]] = {
     "rad/m": lambda angle_per_metre: angle_per_metre,
-    "mm/turn": lambda millimetres_per_turn: 2e3 * np.pi / millimetres_per_turn,
+    "mm/turn": lambda millimetres_per_turn: 2e3 * np.pi / millimetres_per_turn,  # 2 π rad, and 1e3 mm in a metre
     "m/turn": lambda metres_per_turn: 2 * np.pi / metres_per_turn,
 }
 """Rotor angle per metre [rad/m] from a number in each unit of a spindle or a rack."""
@@ -195,8 +195,10 @@ def _add_from_section(model: Model, file: Section, stiff: bool) -> Model:
         warnings.warn(f"the elastic gears of {names} are taken to be stiff.", ModelWarning, stacklevel=2)
         actuators = [replace(actuator, stiffness=np.inf) for actuator in actuators]
     model = replace(model, limits=replace(model.limits, effort=effort, **bearings))
-    model = with_armature(with_friction(model, joint_friction), armature)
-    return with_link_friction(with_actuators(model, actuators), link_friction)
+    model = with_friction(model, joint_friction)
+    model = with_armature(model, armature)
+    model = with_actuators(model, actuators)
+    return with_link_friction(model, link_friction)
 
 
 def check_entries(model: Model, file: Section) -> None:
@@ -343,7 +345,8 @@ def _read_rotor(section: Section) -> Rotor:
     link = section.content.get("link")
     if link is not None and not isinstance(link, str):
         raise ModelError(f"{section.where('link')} is {short_text(link)}, expected the name of a link.")
-    placement = section.optional("axis", section.vector, "") | section.optional("place", section.vector, "length")
+    placement = section.optional("axis", section.vector, "")
+    placement |= section.optional("place", section.vector, "length")
     mass = section.optional("mass", section.number, "mass")
     return Rotor(inertia=section.number("inertia", "inertia"), extra=is_extra, link=link, **mass, **placement)
 
@@ -352,7 +355,8 @@ def plain_share(value: object, where: str) -> float:
     """Share from a plain number or a percentage; ``where`` names the entry in error messages."""
     problem = f"{where} is {short_text(value)}, expected a number such as 0.75, or 75 %."
     if isinstance(value, str) and value.rstrip().endswith("%"):
-        return plain_number(value.rstrip()[:-1], problem) / 100
+        percentage = value.rstrip().removesuffix("%")
+        return plain_number(percentage, problem) / 100
     return plain_number(value, problem)
 
 
@@ -422,7 +426,10 @@ def _ratios_and_torque_constants(file: Section, sliding: set[str]) -> tuple[dict
     """Gear ratios, and torque constants of motors [N m/A], by joint; only joints that have one."""
     motors = _read_motors(file)
     actuators = _section_or_empty(file, "actuators")
-    entries = {name: actuators.section(name) for name, entry in actuators.content.items() if isinstance(entry, Mapping)}
+    entries: dict[str, Section] = {}
+    for name, content in actuators.content.items():
+        if isinstance(content, Mapping):
+            entries[name] = actuators.section(name)
     ratios = {}
     for name, entry in entries.items():
         if "ratio" in entry.content:

@@ -76,7 +76,12 @@ def read_pinocchio_model(model: Any, floating_base: bool | None = None) -> tuple
 def _free_roots(model: Any) -> set[int]:
     """Indices of the free joints to the universe."""
     roots = [j for j in range(1, model.njoints) if int(model.parents[j]) == 0]
-    return {j for j in roots if str(model.joints[j].shortname()).removeprefix(_TYPE_PREFIX) == _FREE_JOINT}
+    return {j for j in roots if _joint_type(model.joints[j]) == _FREE_JOINT}
+
+
+def _joint_type(joint: Any) -> str:
+    """Type of a Pinocchio joint without its prefix, such as ``FreeFlyer``."""
+    return str(joint.shortname()).removeprefix(_TYPE_PREFIX)
 
 
 def _fill_builder(model: Any, fixed_joints: Set[int]) -> ModelBuilder:
@@ -138,7 +143,8 @@ def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], 
     T = np.array(model.jointPlacements[j].homogeneous)
     mimic = _mimic(model, j, names)
     steps = list(_steps(joint, name))
-    q_index, v_index = int(joint.idx_q), int(joint.idx_v)
+    q_index = int(joint.idx_q)
+    v_index = int(joint.idx_v)
     for k, step in enumerate(steps):
         if k == len(steps) - 1:
             child = links[j]
@@ -185,7 +191,7 @@ def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
 
     ``T`` is the pose of the joint within a composite joint, by default the identity.
     """
-    kind = str(joint.shortname()).removeprefix(_TYPE_PREFIX)
+    kind = _joint_type(joint)
     if T is None:
         T = np.eye(4)
     if kind in _SINGLE_JOINTS:
@@ -200,10 +206,12 @@ def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
     elif kind == "Mimic":
         # Pinocchio's subspace of a mimic joint has its ratio, which the builder takes from ``mimic``.
         S = _motion_subspace(joint, np.zeros(1)) / float(joint.extract().scaling)
-        yield _Step(*_kind_and_axis(S[:, 0], endless=False), T, 0, 0)
+        step_kind, axis = _kind_and_axis(S[:, 0], endless=False)
+        yield _Step(step_kind, axis, T, nq=0, nv=0)
     elif kind in _SEVERAL_JOINTS:
         for column in _motion_subspace(joint, np.zeros(int(joint.nq))).T:
-            yield _Step(*_kind_and_axis(column, endless=False), T, 1, 1)
+            step_kind, axis = _kind_and_axis(column, endless=False)
+            yield _Step(step_kind, axis, T, nq=1, nv=1)
             T = np.eye(4)
     elif int(joint.nv) == 1:
         endless = int(joint.nq) == 2
@@ -211,7 +219,8 @@ def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
         if endless:
             q_zero = np.array([1.0, 0.0])  # cosine and sine of the angle
         column = _motion_subspace(joint, q_zero)[:, 0]
-        yield _Step(*_kind_and_axis(column, endless=endless), T, int(joint.nq), 1)
+        step_kind, axis = _kind_and_axis(column, endless=endless)
+        yield _Step(step_kind, axis, T, nq=int(joint.nq), nv=1)
     else:
         raise ModelError(f"joint {name!r} of Pinocchio's model is a {_TYPE_PREFIX}{kind}, which is not read.")
 
@@ -222,7 +231,7 @@ def _motion_subspace(joint: Any, q: Array) -> Array:
     data = joint.createData()
     joint.calc(data, np.concatenate([np.zeros(first_coordinate), q]))  # calc expects the coordinates of the whole model
     S = np.array(data.S, float).reshape(6, -1)
-    linear, angular = S[:3], S[3:]
+    linear, angular = S[:3], S[3:]  # Pinocchio's order
     return np.concatenate([angular, linear])
 
 
@@ -350,7 +359,8 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
     for name, frame in model.sites.items():
         j, T = frames[frame.body]
         kind = pinocchio.FrameType.OP_FRAME
-        pin_model.addFrame(pinocchio.Frame(name.removeprefix("site:"), j, 0, _se3(pinocchio, T @ frame.pose), kind))
+        placement = _se3(pinocchio, T @ frame.pose)
+        pin_model.addFrame(pinocchio.Frame(name.removeprefix("site:"), j, 0, placement, kind))
     _add_limits(pin_model, model, numbers)
     for name in model.joint_names:
         if name in numbers:
@@ -411,7 +421,9 @@ def _add_limits(pin_model: Any, model: Model, numbers: dict[str, int]) -> None:
     limits = model.limits
     position_limits = {"lowerPositionLimit": limits.lower, "upperPositionLimit": limits.upper}
     velocity_and_effort = {"velocityLimit": limits.velocity, "effortLimit": joint_effort(model, limits.effort)}
-    arrays = {name: np.array(getattr(pin_model, name), float) for name in (*position_limits, *velocity_and_effort)}
+    arrays = {}
+    for name in (*position_limits, *velocity_and_effort):
+        arrays[name] = np.array(getattr(pin_model, name), float)
     for body in model.leaders:
         if body.joint.name not in numbers:
             continue

@@ -19,8 +19,10 @@ import numpy as np
 from ..core.estimation.least_squares import Information, left_out, squares_of, sum_of
 from ..core.typing import Array
 
-_MAX_RATIO_TO_BEST = 1.01  # ratio to the least held-out residual that fewer groups may reach
-_MIN_SQUARED_TORQUE = 1e-300  # divisor in place of zero
+_MAX_RATIO_TO_BEST = 1.01
+"""Ratio to the least held-out residual that fewer groups may reach."""
+_MIN_SQUARED_TORQUE = 1e-300
+"""Divisor in place of zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +66,19 @@ def essential_groups(
     squares = np.zeros(len(sets))  # squared residual of all held-out fifths, for each set
     for (N, c, y), training in left_out(unknown_folds):
         for n, groups in enumerate(sets):
-            held_out = N[np.ix_(groups, groups)], c[groups], y
-            squares[n] += squares_of(held_out, _solve(training, groups, size))
-    squared_torques = sum(float(y) for _, _, y in folds)
+            held_out = (N[np.ix_(groups, groups)], c[groups], y)
+            trained_values = _solve(training, groups, size)
+            squares[n] += squares_of(held_out, trained_values)
+    squared_torques = sum(float(y) for _, _, y in folds)  # y = τ' τ
     shares = np.sqrt(squares / max(squared_torques, _MIN_SQUARED_TORQUE))
     good_enough = np.flatnonzero(shares <= _MAX_RATIO_TO_BEST * shares.min())
     smallest = int(good_enough[-1])  # the sets become smaller
-    groups = sets[smallest]
-    curve = tuple(zip(map(len, sets), shares.tolist(), strict=True))
-    group_names = tuple(names[k] for k in groups.tolist())
-    return EssentialGroups(group_names, groups, _solve(total, groups, size), float(shares[smallest]), curve)
+    essential = sets[smallest]
+    set_sizes = [len(groups) for groups in sets]
+    curve = tuple(zip(set_sizes, shares.tolist(), strict=True))
+    essential_names = tuple(names[k] for k in essential.tolist())
+    fitted_values = _solve(total, essential, size)
+    return EssentialGroups(essential_names, essential, fitted_values, float(shares[smallest]), curve)
 
 
 def _without_known_groups(folds: Sequence[Information], x: Array) -> list[Information]:
@@ -84,7 +89,9 @@ def _without_known_groups(folds: Sequence[Information], x: Array) -> list[Inform
     remaining: list[Information] = []
     for N, c, y in folds:
         if y > 0:
-            remaining.append((N, c - N @ x, float(y - 2.0 * c @ x + x @ N @ x)))
+            remaining_c = c - N @ x
+            remaining_y = float(y - 2.0 * c @ x + x @ N @ x)
+            remaining.append((N, remaining_c, remaining_y))
     return remaining
 
 
@@ -92,7 +99,8 @@ def _solve(information: Information, groups: Array, size: Array) -> Array:
     """Values of some groups (indices), with a weak prior of mean 0 and standard deviations ``size``."""
     N, c, _ = information
     S = size[groups]
-    A = N[np.ix_(groups, groups)] * S[:, None] * S + np.eye(len(groups))  # for the values x / S
+    own_N = N[np.ix_(groups, groups)]
+    A = own_N * S[:, None] * S + np.eye(len(groups))  # for the values x / S
     return np.asarray(S * np.linalg.solve(A, S * c[groups]))
 
 
@@ -104,7 +112,8 @@ def _elimination_order(total: Information, size: Array, held: Array) -> Array:
     N, c, _ = total
     remaining = np.flatnonzero(~held)
     S = size[remaining]
-    C = np.linalg.inv(N[np.ix_(remaining, remaining)] * S[:, None] * S + np.eye(len(remaining)))
+    A = N[np.ix_(remaining, remaining)] * S[:, None] * S + np.eye(len(remaining))
+    C = np.linalg.inv(A)
     x = C @ (S * c[remaining])
     order = []
     while remaining.size:
@@ -113,6 +122,7 @@ def _elimination_order(total: Information, size: Array, held: Array) -> Array:
         gain = C[:, i] / C[i, i]  # A⁻¹ e_i / (A⁻¹)_ii
         x = np.delete(x - gain * x[i], i)
         C = C - np.outer(gain, C[i])
-        C = np.delete(np.delete(C, i, axis=0), i, axis=1)  # without row and column i
+        C = np.delete(C, i, axis=0)
+        C = np.delete(C, i, axis=1)
         remaining = np.delete(remaining, i)
     return np.array(order, int)

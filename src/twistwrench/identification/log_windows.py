@@ -38,14 +38,19 @@ MOST_STATES = 200_000
 """Maximum number of samples of all logs that are fitted."""
 WINDOW = 4096
 """Samples per window of a longer log."""
-_MAX_WRONG_SHARE = 0.01  # largest share of single-row glitches that are removed from a log
-_MIN_CLOSED_PAUSE = 0.06  # least length of a pause with closed-up time stamps [s]
-_MIN_CLOSED_PAUSE_STEPS = 6.0  # least length of such a pause, in usual steps
-_ROWS_PER_CHECK = MOST_STATES  # rows that are checked together, to limit memory
+_MAX_WRONG_SHARE = 0.01
+"""Largest share of single-row glitches that are removed from a log."""
+_MIN_CLOSED_PAUSE = 0.06
+"""Least length of a pause with closed-up time stamps [s]."""
+_MIN_CLOSED_PAUSE_STEPS = 6.0
+"""Least length of such a pause, in usual steps."""
+_ROWS_PER_CHECK = MOST_STATES
+"""Number of rows that are checked together, to limit memory."""
 _COMMANDS_MESSAGE = (
     "no torque for every joint; the log has commands: {0} identifies gains, friction and armature from them. If it has "
     "torques, too, name their columns JOINT.torque."
 )
+"""End of a message on a log without torques; {0} is the option :data:`_IDENTIFY_SERVOS`."""
 _IDENTIFY_SERVOS = Argument("identify_servos", None, option="from-commands")
 
 Log: TypeAlias = Motion | str | Path
@@ -57,6 +62,7 @@ class LogSource:
 
     robot: Robot
     path: str
+    """Path of the file; the name in messages for a motion in memory."""
     columns: Mapping[str, str] | None = None
     rate: float | None = None
     degrees: bool = False
@@ -109,9 +115,11 @@ class LogSource:
             options |= {"columns": self.columns, "gain": self.gain}
             log = open_log(self.path, self.robot.model, self.side, **options)
             free_bytes = _MAX_BYTES_OPENED - log.table.nbytes  # a log that cannot be decoded raises here
-            while _OPENED_LOGS and sum(opened.table.nbytes for opened in _OPENED_LOGS.values()) > free_bytes:
+            opened_bytes = sum(opened.table.nbytes for opened in _OPENED_LOGS.values())
+            while _OPENED_LOGS and opened_bytes > free_bytes:
                 oldest_key = next(iter(_OPENED_LOGS))
-                _OPENED_LOGS.pop(oldest_key)
+                oldest_log = _OPENED_LOGS.pop(oldest_key)
+                opened_bytes -= oldest_log.table.nbytes
             _OPENED_LOGS[key] = log
         return _OPENED_LOGS[key]
 
@@ -123,7 +131,7 @@ class LogSource:
     def _has_commands(self) -> bool:
         """True if the file has commands of some joint."""
         log = MotionLog.open(self.path, self.robot.model, columns=self.columns, commands=True, **self._options)
-        return log.columns.places["command"] is not None
+        return log.columns.places["command"] is not None  # places of columns, by quantity
 
     @property
     def count(self) -> int:
@@ -203,11 +211,12 @@ def checks_of(log: LogSource) -> LogChecks:
     max_wrong_rows = max(1.0, _MAX_WRONG_SHARE * count)
     if 0 < len(wrong_times) <= max_wrong_rows:
         names = [log.robot.model.velocity_names[k] for k in np.flatnonzero(has_position)]
+        # doubts about single rows are repeated with the remark that the rows are left out
         other_doubts = [doubt for doubt in doubts if doubt.kind not in ("single-row", "stamp")]
         doubts = (*other_doubts, *row_doubts(glitches, names, left_out=True))
     else:
         wrong_times = wrong_times[:0]  # all rows stay
-    time = log.log.table[:, 0] if log.motion is None else log.motion.time
+    time = log.log.table[:, 0] if log.motion is None else log.motion.time  # of all rows
     return LogChecks(count, doubts, wrong_times, pause_lengths(time))
 
 
@@ -231,7 +240,8 @@ def rows_of_window(log: LogSource, window: slice, checks: LogChecks) -> WindowRo
     model = log.robot.model
     is_whole_log = len(rows.time) == checks.count
     time, q, tau = rows.time, continuous(model, rows.q), np.asarray(rows.tau)
-    is_kept = ~spikes(tau).any(axis=1) & ~np.isin(time, checks.wrong_times)
+    is_kept = ~spikes(tau).any(axis=1)
+    is_kept &= ~np.isin(time, checks.wrong_times)
     if "repeated" in checks.kinds:
         is_new = new_rows(q)
         if is_new is not None:
@@ -253,7 +263,10 @@ def rows_of_window(log: LogSource, window: slice, checks: LogChecks) -> WindowRo
 
 
 def _with_pauses(time: Array, q: Array) -> Array:
-    """Times (n,) with the pauses that were closed up, where coordinates q (n, nq) are not held."""
+    """Times (n,) with the pauses that were closed up, which are steps of q (n, nq) without held rows.
+
+    Their true lengths are unknown; the least length of a pause stands for each.
+    """
     usual_step = float(np.median(np.diff(time)))
     pause_length = max(_MIN_CLOSED_PAUSE, _MIN_CLOSED_PAUSE_STEPS * usual_step)
     pause_times = [gap.time for gap in gaps(time, q) if not gap.held]
@@ -268,24 +281,30 @@ def spread_windows(counts: Sequence[int]) -> list[list[slice]]:
     ([1, 1], 49)
     """
     if sum(counts) <= MOST_STATES:
-        return [[slice(0, n)] for n in counts]
+        return [[slice(0, row_count)] for row_count in counts]
     max_windows = -(-MOST_STATES // WINDOW)  # rounded up
     # if there are more logs than windows, evenly spread logs are used
     used_count = min(max_windows, len(counts))
-    used_logs = np.unique(np.linspace(0, len(counts) - 1, used_count).astype(int)).tolist()
+    evenly_spread = np.linspace(0, len(counts) - 1, used_count).astype(int)
+    used_logs = np.unique(evenly_spread).tolist()  # indices of logs
     used_rows = sum(counts[k] for k in used_logs)
     window_counts = [0] * len(counts)
     for k in used_logs:
-        window_counts[k] = max(1, round(max_windows * counts[k] / used_rows))
+        windows_of_share = round(max_windows * counts[k] / used_rows)
+        window_counts[k] = max(1, windows_of_share)
     rows_per_window = MOST_STATES // sum(window_counts)
-    return [spread_rows(n, windows, rows_per_window) for n, windows in zip(counts, window_counts, strict=True)]
+    windows_of_logs = []
+    for row_count, window_count in zip(counts, window_counts, strict=True):
+        windows_of_logs.append(spread_rows(row_count, window_count, rows_per_window))
+    return windows_of_logs
 
 
 @dataclass(frozen=True, eq=False)
 class ReadLog:
-    """Log of a fit: results of its checks, and the rows of its windows. ``name``: its path, empty for a single file."""
+    """Log of a fit: results of its checks, and the rows of its windows."""
 
     name: str
+    """Path of the log; empty for the only file, and for a motion in memory."""
     checks: LogChecks
     windows: tuple[WindowRows, ...]
 
@@ -333,11 +352,12 @@ def read_logs(
 ) -> list[ReadLog | Failure]:
     """Check logs and read their windows, in the order of the logs; results do not depend on the workers."""
     checks = list(team.results(checks_of, sources, lambda share: progress(0.5 * share)))
-    readable = {k: check for k, check in enumerate(checks) if not isinstance(check, Failure)}  # by index of the log
-    windows_of_logs = spread_windows([check.count for check in readable.values()])
+    # by index of the log
+    readable_checks = {k: check for k, check in enumerate(checks) if not isinstance(check, Failure)}
+    windows_of_logs = spread_windows([check.count for check in readable_checks.values()])
     calls = list[Callable[[], WindowRows]]()
     log_of_call = list[int]()  # index of the log of each call
-    for (k, check), windows in zip(readable.items(), windows_of_logs, strict=True):
+    for (k, check), windows in zip(readable_checks.items(), windows_of_logs, strict=True):
         for window in windows:
             part, part_window = sources[k].part_for_window(window)
             calls.append(partial(rows_of_window, part, part_window, check))
@@ -351,7 +371,8 @@ def read_logs(
     logs = list[ReadLog | Failure]()
     for source, check_or_failure, results_of_log in zip(sources, checks, results_of_logs, strict=True):
         is_named = file_count > 1 and source.motion is None
-        logs.append(_read_log(source.path if is_named else "", check_or_failure, results_of_log))
+        name = source.path if is_named else ""
+        logs.append(_read_log(name, check_or_failure, results_of_log))
     return logs
 
 

@@ -128,7 +128,8 @@ class MotorSide:
     @property
     def _coupled_indices(self) -> list[int]:
         """Indices of the motors that turn with several joints."""
-        return np.flatnonzero(np.count_nonzero(self.ratios, axis=1) > 1).tolist()
+        joint_counts = np.count_nonzero(self.ratios, axis=1)  # joints that each motor turns with
+        return np.flatnonzero(joint_counts > 1).tolist()
 
     def joint_positions(self, q: Array) -> Array:
         """Positions of the joints.
@@ -239,7 +240,11 @@ def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: 
     if side is not None and side.names:
         motors = {*side.names} - {*model.velocity_names}
         header = open_motion_file(path, reading.get("topic"), reading.get("episode")).header
-        names = {cell.partition(".")[0].partition(" ")[0] for cell in header}  # NAME of NAME.quantity and NAME [unit]
+        names = set()
+        for cell in header:  # NAME.quantity, NAME or NAME [unit]
+            name, _, _ = cell.partition(".")
+            name, _, _ = name.partition(" ")
+            names.add(name)
         if not motors.isdisjoint(names):
             model = _model_named_after_motors(model, side.names)
     return MotionLog.open(path, model, **reading)
@@ -304,11 +309,13 @@ def read_motion(
 
 def sided_doubts(log: MotionLog, side: MotorSide, limits: Limits) -> tuple[Doubt, ...]:
     """Doubts about all rows of a log of the motors' side, converted to the joints' side."""
-    runs = [side.of_joints(log.motion(run)) for run in excerpts(log.table, _RUN_COUNT, _ROWS_PER_RUN)]
+    tables_of_runs = excerpts(log.table, _RUN_COUNT, _ROWS_PER_RUN)
+    runs = [side.of_joints(log.motion(table)) for table in tables_of_runs]
     contradictions = Contradictions(log.coordinates, runs=runs)
     for portion in slices(len(log.table), _RUN_COUNT * _ROWS_PER_RUN):  # to limit memory
         first_row = max(0, portion.start - OVERLAP)
-        rows = side.of_joints(log.motion(log.table[first_row : portion.stop]))
+        table = log.table[first_row : portion.stop]
+        rows = side.of_joints(log.motion(table))
         contradictions.add(rows.time, rows.q, portion.start - first_row)
     return tuple(contradictions.doubts(limits))
 
@@ -409,16 +416,18 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
     undetermined: list[str] = []
     for k, parameter in enumerate(PARAMETER_NAMES):
         name = f"{body}.{parameter}"
-        S[k, base.kept == names.index(name)] = 1.0
+        is_parameter = base.kept == names.index(name)  # mask of groups; no group if the parameter is undetermined
+        S[k, is_parameter] = 1.0
         if not S[k].any():
             undetermined.append(name)
     T = np.linalg.inv(robot.model.frames[frame].pose)
     unit_inertias = [SpatialInertia.from_parameters(unit_vector) for unit_vector in np.eye(10)]
-    columns = [inertia.in_frame(T).parameters for inertia in unit_inertias]
+    columns = [inertia.in_frame(T).parameters for inertia in unit_inertias]  # of the change of frame
     A = np.stack(columns, axis=1) @ S  # (10, r): parameters in the payload's frame by the groups
     G = SpatialInertia.from_parameters(A @ difference)
     C = A @ covariance @ A.T
-    m, mc = PARAMETER_NAMES.index("m"), PARAMETER_NAMES.index("mcx")  # rows of the mass and of the first moment
+    m = PARAMETER_NAMES.index("m")  # row of the mass
+    mc = PARAMETER_NAMES.index("mcx")  # first row of the first moment
     J = np.zeros((3, 10))  # derivatives of the centre of mass c = (m c) / m
     J[:, mc : mc + 3] = np.eye(3) / G.mass
     J[:, m] = -np.asarray(G.com) / G.mass

@@ -64,11 +64,11 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
             max_speed = _DEFAULT_SPEED
         dq = np.linspace(-1, 1, _CURVE_POINTS) * max_speed
         smooth_sign = np.tanh(dq / found.settings.friction_speed[k])
-        fading = np.exp(-((dq / found.base.unknown.stribeck_speed) ** 2))
+        static_excess = np.exp(-((dq / found.base.unknown.stribeck_speed) ** 2))
         column_by_law = {
             "viscous": dq,
             "coulomb": smooth_sign,
-            "stribeck": fading * smooth_sign,
+            "stribeck": static_excess * smooth_sign,
             "offset": np.ones_like(dq),
         }
         groups: list[int] = []
@@ -77,13 +77,14 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
             if f"{name}.{law}" in found.groups:
                 groups.append(found.groups.index(f"{name}.{law}"))
                 columns.append(column)
-        W = np.stack(columns, axis=1)
+        W = np.stack(columns, axis=1)  # torque per unit of each group, (points, groups)
         torque = W @ found.values[groups]
         covariance = found.covariance.matrix[np.ix_(groups, groups)]
         variance = np.einsum("ni,ij,nj->n", W, covariance, W)
         half_width = _BAND * np.sqrt(np.maximum(variance, 0.0))
         axes.fill_between(dq, torque - half_width, torque + half_width, color=style.PALE, linewidth=0, label="95 %")
         axes.plot(dq, torque, color=style.LINE, linewidth=1.2, label="identified")
+        # of the file, only viscous and Coulomb friction are drawn
         file_torque = model.friction.viscous[k] * dq + model.friction.coulomb[k] * smooth_sign
         axes.plot(dq, file_torque, "--", color=style.VERMILION, linewidth=1, label="file")
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
@@ -159,11 +160,17 @@ _MAX_NAME_LENGTH = 22
 """Characters of a parameter's name at the axis."""
 _MIN_POOR_DEVIATION = 0.3
 """Standard deviation of a group, as a share of its value, above which it is poorly determined."""
+_MAX_BAR = 2.0
+"""Largest half-width of a drawn interval, in units of the group's size."""
 _MIN_SIZE = 1e-300
 """Smallest size of a group, so that zero is not divided by zero."""
 _PANELS_IN_ROW = 4
 _JOINT_HEIGHT = 2.1
 """Height of the torques and residuals of a joint [in]."""
+_RESIDUAL_HEIGHT = 1.2
+"""Height of the residuals of a joint in a picture of residuals alone [in]."""
+_TITLE_HEIGHT = 0.6
+"""Height of the title and the axis of time [in]."""
 _PLOT_HEIGHTS = [3.0, 1.3]
 """Relative heights of the torques and of the residuals of a joint."""
 _PURPOSE = "Drawing the identification"
@@ -192,10 +199,10 @@ def plot_identification(found: IdentifiedRobot, path: Any) -> Path:
     names = found.held_out.names
     torques_height = _JOINT_HEIGHT * len(names)
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
-    with style.figure(
-        11.0, torques_height + 4.6, title, _PURPOSE
-    ) as figure:  # 4.4 in for the lower plots, and a margin
-        upper, lower = cast("Any", figure.subfigures(2, 1, height_ratios=[torques_height, 4.4]))
+    lower_height = 4.4  # groups and the weight of the prior [in]
+    height = torques_height + 4.6  # with a margin
+    with style.figure(11.0, height, title, _PURPOSE) as figure:
+        upper, lower = cast("Any", figure.subfigures(2, 1, height_ratios=[torques_height, lower_height]))
         _draw_torques(upper, found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
         _draw_groups(left, found)
@@ -228,20 +235,12 @@ def _plots_of_report(found: IdentifiedRobot) -> list[Picture]:
         draw_friction(style.panels(figure, friction_count, _PANELS_IN_ROW), found)
 
     # title, width and height [in], and function that draws into a figure
+    torques_height = _JOINT_HEIGHT * len(names) + _TITLE_HEIGHT
+    residuals_height = _RESIDUAL_HEIGHT * len(names) + _TITLE_HEIGHT
     plots: list[tuple[str, float, float, Callable[[Any], None]]] = [
-        (
-            "Torques of rows held out",
-            10.0,
-            _JOINT_HEIGHT * len(names) + 0.6,
-            lambda figure: _draw_torques(figure, found),
-        ),
+        ("Torques of rows held out", 10.0, torques_height, lambda figure: _draw_torques(figure, found)),
         ("Residuals", 10.0, 3.0, lambda figure: draw_residual_bars(figure.subplots(), found)),
-        (
-            "Residuals in time",
-            10.0,
-            1.2 * len(names) + 0.6,
-            lambda figure: draw_residuals(_panel_rows(figure, names), found),
-        ),
+        ("Residuals in time", 10.0, residuals_height, lambda figure: draw_residuals(_panel_rows(figure, names), found)),
     ]
     if friction_count:
         panel_rows, _ = style.panel_grid(friction_count, _PANELS_IN_ROW)
@@ -252,7 +251,11 @@ def _plots_of_report(found: IdentifiedRobot) -> list[Picture]:
         (prior_title, 7.0, 3.0, lambda figure: _draw_prior_weights(figure.subplots(), found)),
         ("Bodies in the file and identified", 9.0, 2.5 * body_count, draw_all_bodies),
     ]
-    return [Picture(title, style.page_svg(_plot(width, height, draw, title))) for title, width, height, draw in plots]
+    pictures = []
+    for title, width, height, draw in plots:
+        svg = style.page_svg(_plot(width, height, draw, title))
+        pictures.append(Picture(title, svg))
+    return pictures
 
 
 def _plot(width: float, height: float, draw: Callable[[Any], None], title: str) -> Callable[[Path], None]:
@@ -273,19 +276,20 @@ def _panel_rows(figure: Any, names: Sequence[str]) -> list[Any]:
 
 def _draw_torques(figure: Any, found: IdentifiedRobot) -> None:
     """Draw measured and predicted torques of each joint, and below them residuals with their 95 % band."""
-    parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))  # by log, then time
+    # parts of logs, by the number of the log, then by time
+    parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
     begins = _begins_of_logs(parts)
     units = units_of("tau", Coordinates.from_model(found.original.model).angular_velocity)
     names = found.held_out.names
-    grid = figure.subplots(2 * len(names), 1, sharex=True, squeeze=False, height_ratios=_PLOT_HEIGHTS * len(names))[
-        :, 0
-    ]
+    heights = _PLOT_HEIGHTS * len(names)
+    grid = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights).ravel()
     for j, (name, torque_axes, residual_axes) in enumerate(zip(names, grid[::2], grid[1::2], strict=True)):
         colour = style.SERIES[j % len(style.SERIES)]
         half_width = _BAND * found.sigma[j]
         residual_axes.axhspan(-half_width, half_width, color=style.PALE, linewidth=0, label="95 % of residuals")
         for k, rows in enumerate(parts):
-            t = rows.time + np.array([begins[float(log)] for log in rows.log])
+            begins_of_rows = np.array([begins[float(log)] for log in rows.log])
+            t = rows.time + begins_of_rows
             # one entry in the legend for all parts
             predicted, measured, residual = ("predicted", "measured", "residual") if k == 0 else (None, None, None)
             dot: dict[str, Any] = {"color": style.INK, "markersize": 3.2, "markeredgewidth": 0}
@@ -301,7 +305,8 @@ def _draw_torques(figure: Any, found: IdentifiedRobot) -> None:
         residual_axes.set_ylabel(units[j])
     torque_handles, torque_labels = grid[0].get_legend_handles_labels()
     residual_handles, residual_labels = grid[1].get_legend_handles_labels()
-    handles, labels = torque_handles + residual_handles, torque_labels + residual_labels
+    handles = torque_handles + residual_handles
+    labels = torque_labels + residual_labels
     grid[0].legend(handles, labels, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     grid[-1].set_xlabel("time [s]")
 
@@ -323,19 +328,25 @@ def _draw_groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     half_widths = found.covariance.half_width()
     larger_value = np.maximum(np.abs(found.values), np.abs(found.prior.mean))
     size = np.maximum(larger_value, _MIN_SIZE)
-    k = np.arange(min(len(size), _MAX_GROUPS))
-    is_poor = found.standard_deviations[k] > _MIN_POOR_DEVIATION * np.abs(found.values[k])
-    for mask, colour, label in ((~is_poor, style.GREEN, "determined"), (is_poor, style.AMBER, "poorly determined")):
+    drawn_groups = np.arange(min(len(size), _MAX_GROUPS))
+    is_poor = found.standard_deviations[drawn_groups] > _MIN_POOR_DEVIATION * np.abs(found.values[drawn_groups])
+    series = (  # mask, colour, label
+        (~is_poor, style.GREEN, "determined"),
+        (is_poor, style.AMBER, "poorly determined"),
+    )
+    for mask, colour, label in series:
         if mask.any():
-            groups = k[mask]
+            groups = drawn_groups[mask]
             y = found.values[groups] / size[groups]
-            bars = np.clip(half_widths[groups] / size[groups], 0, 2)
+            bars = np.clip(half_widths[groups] / size[groups], 0.0, _MAX_BAR)
             axes.errorbar(groups, y, bars, fmt="o", markersize=3, linewidth=1, color=colour, label=label)
-    axes.plot(k, found.prior.mean[k] / size[k], "_", color=style.VERMILION, markersize=7, label="file")
+    file_shares = found.prior.mean[drawn_groups] / size[drawn_groups]
+    axes.plot(drawn_groups, file_shares, "_", color=style.VERMILION, markersize=7, label="file")
     axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
     axes.set_ylim(-1.6, 1.6)  # values are from -1 to 1
-    if len(k) <= _MAX_NAMED_GROUPS:
-        axes.set_xticks(k, [_short_name(found.groups[i]) for i in k], rotation=55, ha="right", rotation_mode="anchor")
+    if len(drawn_groups) <= _MAX_NAMED_GROUPS:
+        names = [_short_name(found.groups[group]) for group in drawn_groups]
+        axes.set_xticks(drawn_groups, names, rotation=55, ha="right", rotation_mode="anchor")
         axes.tick_params(axis="x", labelsize=style.SMALL_FONT)
     else:
         axes.set_xlabel("group, in the order of the table")

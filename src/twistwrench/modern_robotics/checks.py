@@ -30,12 +30,14 @@ def rotation(R: ArrayLike, name: str) -> Array:
 
     R is unchanged if it is a rotation to 1e-6. A more coarsely rounded R becomes the nearest rotation.
     """
-    return _as_given_or_projected(arguments.real(R, name, 3, 3), name, arguments.rotation, so3.project)
+    real_R = arguments.real(R, name, 3, 3)
+    return _as_given_or_projected(real_R, name, arguments.rotation, so3.project)
 
 
 def pose(T: ArrayLike, name: str) -> Array:
     """Check T (..., 4, 4), a pose, with its rotation treated as in :func:`rotation`."""
-    return _as_given_or_projected(arguments.real(T, name, 4, 4), name, arguments.pose, se3.project)
+    real_T = arguments.real(T, name, 4, 4)
+    return _as_given_or_projected(real_T, name, arguments.pose, se3.project)
 
 
 def _as_given_or_projected(
@@ -62,7 +64,8 @@ def skew(W: ArrayLike, name: str) -> Array:
             return W
     with np.errstate(all="ignore"):
         symmetric_part = np.abs(W + np.swapaxes(W, -1, -2))
-        max_entry = np.maximum(arguments.TOLERANCE / MAX_ROUNDING, np.abs(W).max(axis=(-2, -1), keepdims=True))
+        max_entry = np.abs(W).max(axis=(-2, -1), keepdims=True)
+        max_entry = np.maximum(arguments.TOLERANCE / MAX_ROUNDING, max_entry)  # not zero
     arguments.refuse(
         symmetric_part / max_entry,
         MAX_ROUNDING,

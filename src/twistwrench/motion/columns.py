@@ -141,7 +141,8 @@ class Assignment:
         for cell in cells:
             name, unit = split_unit(cell)
             if cell in coordinates.names:
-                name, unit = cell, None
+                name = cell
+                unit = None
             self.column_names.append(name)
             self.units.append(unit)
         self.assigned: dict[str, dict[int, Choice]] = {}
@@ -269,7 +270,8 @@ class Assignment:
 
     def found_text(self) -> str:
         """List of the column names, for the end of an error message."""
-        return f"found: {listed([cell or '(no name)' for cell in self.cells])}."
+        names = [cell or "(no name)" for cell in self.cells]
+        return f"found: {listed(names)}."
 
     def column(self, name: str, source: Argument) -> Choice:
         """Column by name, with or without its unit; errors name ``source``, the argument that names the column."""
@@ -278,13 +280,15 @@ class Assignment:
         if not matches:
             matches = [k for k, column_name in enumerate(self.column_names) if column_name == name_without_unit]
         if not matches:
-            hint = _suggestion(name, list(filter(None, self.cells)))
+            named_cells = [cell for cell in self.cells if cell]
+            hint = _suggestion(name, named_cells)
             raise TrajectoryError(
                 f"{self.where}: no column {name!r}, which {{0}} names.{hint} {self.found_text()}", source
             )
         if len(matches) > 1:
             raise self.repetition_error(name.strip(), len(matches))
-        return Choice(matches[0], unit or self.units[matches[0]])
+        (column,) = matches
+        return Choice(column, unit or self.units[column])
 
     def repetition_error(self, name: str, count: int) -> TrajectoryError:
         """Error for a column that occurs more than once."""
@@ -335,7 +339,7 @@ class Assignment:
     def replace_numbers(self, columns: Mapping[str, str]) -> dict[str, str]:
         """Replace ``#1``, ``#2`` … in ``columns`` by the joints' names."""
         names = self.names["q"]
-        numbered_keys = [key for key in columns if key.startswith(ORDER) and key[1:].isdigit()]
+        numbered_keys = [key for key in columns if key.startswith(ORDER) and key.removeprefix(ORDER).isdigit()]
         if numbered_keys and len(numbered_keys) != len(names):
             raise TrajectoryError(
                 f"{self.where}: {{0}} lists {len(numbered_keys)} columns, and the robot has {len(names)} coordinates: "
@@ -346,13 +350,15 @@ class Assignment:
         for key, column in columns.items():
             name = key
             if key in numbered_keys:
-                name = names[int(key[1:]) - 1]
+                number = int(key.removeprefix(ORDER))  # from 1
+                name = names[number - 1]
             column_by_name[name] = column
         return column_by_name
 
     def entries_for_log(self, columns: Mapping[str, str], known: Collection[str]) -> dict[str, str]:
         """Entries of ``columns`` for this log; entries with its path or name as prefix override general ones."""
-        for_all_logs, for_this_log = dict[str, str](), dict[str, str]()
+        for_all_logs = dict[str, str]()
+        for_this_log = dict[str, str]()
         for key, column in columns.items():
             # The key is LOG:JOINT, but either name may contain a colon: the longest known ending is the joint.
             endings = [name for name in known if key.endswith(f":{name}")]
@@ -369,8 +375,9 @@ class Assignment:
         """Convert currents in torque columns by the gains; raises TrajectoryError for a column in a unit of torque."""
         names = self.names["tau"]
         gains = self.reading.gain or {}
+        joints_and_motors = {*names} | self.motors
         for name in gains:
-            if name.removesuffix(f".{CURRENT}") not in {*names} | self.motors:
+            if name.removesuffix(f".{CURRENT}") not in joints_and_motors:
                 raise UnknownNameError.from_choices(f"joint (of {argument('gain')})", name, names)
         for k, choice in self.assigned["tau"].items():
             amperes_per_unit: float | None = 1.0  # None if the unit is not a unit of current
@@ -409,7 +416,7 @@ class Assignment:
                 f"{self.where}: two time columns, {listed(self.cells_of(named_columns))}. Keep one of them, or choose: {{0}}.",
                 Argument("columns", {"time": self.cells[named_columns[0]]}),
             )
-        choice = requested or self._named_time(named_columns[0])
+        choice = self._named_time(named_columns[0]) if requested is None else requested
         unit_by_numbers = self._time_unit_by_numbers(choice, first_numbers)
         if unit_by_numbers is not None:
             choice = unit_by_numbers
@@ -449,9 +456,9 @@ class Assignment:
         self, requested: Choice | None, named_columns: Sequence[int], first_numbers: Callable[[int], Array]
     ) -> Choice | None:
         """Column of row numbers of a file whose rate is given; raises TrajectoryError for a column of time."""
-        if not requested and not named_columns:
+        if requested is None and not named_columns:
             return None
-        choice = requested or Choice(named_columns[0])
+        choice = Choice(named_columns[0]) if requested is None else requested
         column = choice.column
         if choice.unit is None and counts_rows(first_numbers(column)):
             self.notes.append(f"Column {self.cells[column]!r} is read as the number of a row, by its numbers.")
@@ -514,7 +521,10 @@ class Assignment:
                     self.free_columns.append(torque_choice.column)
             if k in self.assigned[part]:
                 continue
-            key = name if part == "q" else f"{name}{READ[part][0]}"
+            key = name
+            if part != "q":
+                usual_ending = READ[part][0]
+                key = f"{name}{usual_ending}"
             if len(columns) > 1:
                 cells = self.cells_of(columns)
                 raise TrajectoryError(
@@ -648,7 +658,7 @@ class Assignment:
                 return self._error_for_series(missing_names, columns_in_order, first_numbers, timeless=timeless)
         similar_columns = alike(missing_names, self.extra)
         hint = ""
-        few_are_similar = 2 * len(similar_columns) < len(missing_names)
+        few_are_similar = len(similar_columns) < len(missing_names) / 2
         others_are_unknown = len(self.extra) > len(similar_columns)
         if all_missing and few_are_similar and others_are_unknown:
             hint = " No column has the name of a joint of this robot: the file seems to be a log of another one."
@@ -661,7 +671,8 @@ class Assignment:
         if len(missing_joints) <= _MAX_LOCKED_NAMES and not all_missing:
             names_to_lock = missing_joints
         remedy = "; or hold joints still that never move, when the robot is loaded: {1}"
-        if not {*missing_joints} <= {*missing_names}:  # a joint of several coordinates, which no option holds still
+        are_joints_of_one_coordinate = {*missing_joints} <= {*missing_names}
+        if not are_joints_of_one_coordinate:  # no option holds other joints still
             remedy = "; if the pose of the base was not logged, load the robot with its base fixed"
         if not all_missing and unused_cells:
             remedy = f" (columns that vary and are not used: {listed(unused_cells)})"
@@ -681,7 +692,8 @@ class Assignment:
         timeless: bool,
     ) -> TrajectoryError:
         """Error for joints without a column, if the file has as many columns whose names differ by a number."""
-        first_cell, last_cell = columns_in_order[0], columns_in_order[-1]
+        first_cell = columns_in_order[0]
+        last_cell = columns_in_order[-1]
         column_by_name = dict(zip(missing_names, columns_in_order, strict=True))
         hint = f" Columns {first_cell} … {last_cell} match no joint by name. If they are the joints in order:"
         values = np.concatenate([first_numbers(self.cells.index(cell)) for cell in columns_in_order])
@@ -707,7 +719,8 @@ class Assignment:
         if arm is None:
             return []
         other_coordinates = self.coordinates_beside(arm)
-        have_one_coordinate = other_coordinates == list(map(_joint, other_coordinates))  # each is a joint
+        other_joints = [_joint(coordinate) for coordinate in other_coordinates]
+        have_one_coordinate = other_joints == other_coordinates
         if len(other_coordinates) > _MAX_JOINTS_BESIDE or not have_one_coordinate:
             return []
         return list(arm)
@@ -971,7 +984,9 @@ class Columns:
             columns = [choice.column for choice in choices]
             places[part] = table_index[columns] if columns else None
             angular = _is_angular(part, coordinates, of_motors=assignment.of_motors)
-            factors[part] = assignment.factors(choices or [_NO_COLUMN] * len(angular), part, angular)
+            if not choices:  # factors of a part without columns
+                choices = [_NO_COLUMN] * len(angular)
+            factors[part] = assignment.factors(choices, part, angular)
         mimic_joints = []
         for follower, choice in assignment.mimic_joints:
             factor = assignment.factor(choice, "q", follower.angular)

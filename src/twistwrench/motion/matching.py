@@ -56,7 +56,8 @@ def varying_columns(cells: Sequence[str], extra: Sequence[str], first_numbers: C
             continue
         if not numbers.size or not np.isfinite(numbers).all():
             continue
-        if np.ptp(numbers) > _MIN_VARIATION * (1 + np.abs(numbers).max()):
+        size = 1 + np.abs(numbers).max()  # small numbers are compared with 1
+        if np.ptp(numbers) > _MIN_VARIATION * size:
             varying.append(cells[k])
     return varying
 
@@ -169,7 +170,8 @@ class NamedJoints:
     """Joint names that columns may contain once; case matters only if two names differ by nothing else."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        self._ignores_case = len(set(map(str.casefold, names))) == len(names)
+        names_without_case = {name.casefold() for name in names}
+        self._ignores_case = len(names_without_case) == len(names)
         indices = {self._key(name): k for k, name in enumerate(names)}
         short_names = [_WORD_FOR_JOINT.sub("", name) for name in names]
         short_name_counts = Counter(short_names)
@@ -200,7 +202,8 @@ class NamedJoints:
             other_words = _words(text_beside_name)
             part_and_unit = _part_of(other_words)
             if part_and_unit is not None:
-                return Meaning(joint_index, *part_and_unit)
+                part, unit = part_and_unit
+                return Meaning(joint_index, part, unit)
         return None
 
     def _key(self, text: str) -> str:
@@ -233,9 +236,12 @@ def _part_of(words: Sequence[str]) -> tuple[str, str | None] | None:
     words_without_command = [word for word in words if word not in COMMANDS]
     if len(words_without_command) < len(words):
         commanded = _part_of(words_without_command)
-        if commanded is None or commanded[0] != "q":
+        if commanded is None:
             return None
-        return "command", commanded[1]
+        part, unit_of_command = commanded
+        if part != "q":
+            return None
+        return "command", unit_of_command
     units: list[str] = []
     quantity_words: list[str] = []
     for word in words:
@@ -248,10 +254,13 @@ def _part_of(words: Sequence[str]) -> tuple[str, str | None] | None:
         units = [f"{units[0]}/s"]
     if not words:
         return "q", None
-    if len(quantity_words) != 1 or quantity_words[0] not in PART_OF or len(units) > 1:
+    if len(quantity_words) != 1 or len(units) > 1:
+        return None
+    (quantity_word,) = quantity_words
+    if quantity_word not in PART_OF:
         return None
     unit = units[0] if units else None
-    return PART_OF[quantity_words[0]], unit
+    return PART_OF[quantity_word], unit
 
 
 class Candidate(NamedTuple):
@@ -395,7 +404,8 @@ def _matches_by_prefix(
                 columns_with_ending = columns_by_ending.get(ending, [])
                 match += columns_with_ending if len(columns_with_ending) == 1 else [None]
             if not _NOT_A_POSITION.search("_".join(prefix)):
-                matches.setdefault(tuple(match), not _has_unmatched(endings, columns_by_ending, known_endings))
+                is_exclusive = not _has_unmatched(endings, columns_by_ending, known_endings)
+                matches.setdefault(tuple(match), is_exclusive)
     return matches
 
 
@@ -466,6 +476,8 @@ def _ends(column: Words, joint: Words) -> bool:
     return len(column) <= len(joint) or not _NOT_A_POSITION.search(prefix_of_column)
 
 
+_MIN_DIGITS_OF_CODE = 4
+"""Number of digits from which a number is not the number of a joint."""
 _NO_NUMBER = -1
 """Number of a column whose name has none."""
 
@@ -486,7 +498,8 @@ def match_by_number(
     numbered_columns = []
     for column in columns:
         numbers_in_name = [int(word) for word in column.words if word.isdigit()]
-        has_only_numbers = all(word in JOINT or (word.isdigit() and len(word) < 4) for word in column.words)
+        other_words = [word for word in column.words if word not in JOINT]
+        has_only_numbers = all(word.isdigit() and len(word) < _MIN_DIGITS_OF_CODE for word in other_words)
         if len(numbers_in_name) < 2 and has_only_numbers:
             number = numbers_in_name[0] if numbers_in_name else _NO_NUMBER
             numbered_columns.append((number, column))

@@ -140,7 +140,8 @@ class DrawnMotion:
         [0.25]
         """
         q, row_before, row_after, share = between(self.load.with_load, self.time, self.q, np.asarray(time))
-        tau_before, tau_after = self.torques[row_before], self.torques[row_after]
+        tau_before = self.torques[row_before]
+        tau_after = self.torques[row_after]
         return q, tau_before + share * (tau_after - tau_before)
 
 
@@ -201,10 +202,12 @@ def motion_of(
     given_dq = None if dq is None else _check_rates("dq", dq, len(t), model)
     given_ddq = None if ddq is None else _check_rates("ddq", ddq, len(t), model)
     zeros = np.zeros((len(t), model.nv))
-    derived_dq, derived_ddq = zeros, zeros  # too few samples are states at rest
+    derived_dq = zeros  # too few samples are states at rest
+    derived_ddq = zeros
     if lacks_rates and len(t) >= FEWEST:
         q = continuous(model, q)
-        derived_dq, derived_ddq = joint_rates(model, q, *spline_rates(t, q))
+        first_derivative, second_derivative = spline_rates(t, q)
+        derived_dq, derived_ddq = joint_rates(model, q, first_derivative, second_derivative)
         if given_dq is not None:
             derived_ddq, _ = spline_rates(t, given_dq)
     dq = derived_dq if given_dq is None else given_dq
@@ -213,7 +216,7 @@ def motion_of(
     never_still = np.zeros_like(zeros, bool)
     no_outliers = zeros[:, :0]
     states = MotionSamples(t, q, dq, ddq, q, never_still, no_outliers)
-    motion = _read_states(load, iter([states]))
+    motion = _read_states(load, iter([states]))  # one batch
     contradictions = tuple(map(str, doubts))
     warnings = [*_look_again_warnings(contradictions), *motion.warnings]
     has_moved = (q != q[0]).any()
@@ -283,7 +286,8 @@ def reported_motion(report: TorqueReport) -> DrawnMotion:
 def _with_doubts(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
     """Motion with doubts about its log, and a verdict of LOOK AGAIN for contradictions."""
     doubts = trajectory.doubts(motion.load.robot.limits)
-    contradictions = [*motion.load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
+    contradictions = list(motion.load.contradictions)
+    contradictions += [str(doubt) for doubt in doubts if doubt.refuses]
     warnings = _look_again_warnings(contradictions)
     for doubt in doubts:
         is_question = doubt.level == "note" and doubt.kind in ASKED
@@ -297,7 +301,7 @@ def _with_doubts(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
 def _read_states(load: LoadCase, batches: Iterator[MotionSamples]) -> DrawnMotion:
     """Read the motion in one pass and bounded memory, keeping the peaks of torques, velocities and power."""
     nq, nv = load.robot.nq, load.robot.nv
-    peak_columns = slice(1, 2 + 2 * nv)  # peaks of these columns are kept: power, torques and velocities
+    peak_columns = slice(1, 1 + 1 + nv + nv)  # peaks are kept of the columns after the time: power, torques, velocities
     states = Decimation(_MAX_STATES, peak_columns)
     peaks = np.full(nv, -np.inf)
     check = LimitCheck(load.robot.model, bounds_of(load.robot))
@@ -310,8 +314,8 @@ def _read_states(load: LoadCase, batches: Iterator[MotionSamples]) -> DrawnMotio
         power = (torques * batch.dq).sum(axis=1)
         columns = [batch.time, power, torques, batch.dq, batch.q, batch.ddq, batch.stationary]
         states.add(np.column_stack(columns))
-    ends_of_columns = np.cumsum([1, 1, nv, nv, nq, nv])  # in the order of ``columns``; the last end is implied
-    time, _, torques, dq, q, ddq, stationary = np.split(states.result(), ends_of_columns, axis=1)
+    widths = [1, 1, nv, nv, nq, nv]  # of ``columns`` but for the last one
+    time, _, torques, dq, q, ddq, stationary = np.split(states.result(), np.cumsum(widths), axis=1)
     violations = check.violations()
     return DrawnMotion(
         load,
@@ -335,7 +339,7 @@ def _sentence(violation: Violation) -> str:
     else:
         limit = "upper limit" if violation.value > violation.limit else "lower limit"
     excess = number(violation.by, 3)
-    if violation.limit:  # there is no share of a limit of zero
+    if violation.limit != 0.0:  # there is no share of a limit of zero
         share = violation.by / abs(violation.limit)
         excess += f" ({percent(share, 3)})"
     return f"{violation.joint} exceeds its {limit} by {excess} at t = {seconds(violation.time)} s"

@@ -136,7 +136,9 @@ class MotorFigures(NamedTuple):
             peaks[name] = Extrema.from_rows(time_of_rows, np.abs(load), load)
         squares = mean_weights(time, rows) @ loads.current[:, with_motor] ** 2
         stride = stride_of(len(time), _MAX_POINTS)
-        first_point = -rows.start % stride  # points are at multiples of the stride in the motion
+        first_point = (
+            -rows.start % stride
+        )  # points are at multiples of the stride, counted from the begin of the motion
         points = slice(first_point, None, stride)
         speed = loads.speed[points, with_motor]
         torque = loads.torque[points, with_motor]

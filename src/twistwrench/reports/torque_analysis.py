@@ -91,7 +91,8 @@ class Extremes:
         """
         position_of = Coordinates.from_model(load.robot.model).position_of
         has_position = position_of >= 0  # balls have none
-        q = np.where(has_position, s.measured[:, np.maximum(position_of, 0)], 0.0)
+        any_column = np.maximum(position_of, 0)  # column 0 stands in for a missing one, and does not count
+        q = np.where(has_position, s.measured[:, any_column], 0.0)
         excess_and_value = {  # excess over the limit, and value, by kind of limit
             "lower": (np.where(has_position, limits.lower, -np.inf) - q, q),
             "upper": (q - np.where(has_position, limits.upper, np.inf), q),
@@ -99,7 +100,8 @@ class Extremes:
         }
         if bears(limits):
             for kind, bearing_load in load.bearing_loads(s).items():
-                excess_and_value[kind] = bearing_load - getattr(limits, kind), bearing_load
+                bearing_excess = bearing_load - getattr(limits, kind)
+                excess_and_value[kind] = (bearing_excess, bearing_load)
         excess = {kind: Extrema.from_rows(s.time, *arrays) for kind, arrays in excess_and_value.items()}
         time, drive_torques, borne_torques = torques
         peak = Extrema.from_rows(time, np.abs(drive_torques), drive_torques)
@@ -165,7 +167,8 @@ class Extremes:
 
     def _torque_excesses(self) -> Iterator[Excess]:
         """Exceeded torque limits of the drives."""
-        model, limits = self._model, self.limits.effort
+        model = self._model
+        limits = self.limits.effort
         turns = drive_turns(model)
         for k in np.flatnonzero(self.peak.value - limits > margin(limits)):
             torque, time = float(self.peak.signed[k]), float(self.peak.time[k])
@@ -181,7 +184,7 @@ class Extremes:
             tolerance = self.limits.tolerance if kind in ("lower", "upper") else margin(limits)
             for k in np.flatnonzero(excess.value > tolerance):
                 angular = bool(coordinates.angular_velocity[k])
-                unit = BEARING_UNITS.get(kind) or unit_of(quantity, angular)
+                unit = BEARING_UNITS[kind] if kind in BEARING_UNITS else unit_of(quantity, angular)
                 value, time = float(excess.signed[k]), float(excess.time[k])
                 yield Excess(coordinates.velocity_names[k], kind, value, float(limits[k]), time, unit, angular)
 
@@ -265,7 +268,9 @@ class MotionFigures:
         part_with_peak = np.argmax([part.whole.peak.value for part in parts], axis=0)
         # states of all drives in the first part, then in the second, and so on
         states_at_peaks = _join_samples(field_of_each("at_peaks"))
-        q, dq = map(np.concatenate, zip(*field_of_each("edges"), strict=True))
+        parts_of_comparisons = zip(*field_of_each("comparisons"), strict=True)  # with loads, then without them
+        comparisons = [TorqueComparison.from_parts(same_comparison) for same_comparison in parts_of_comparisons]
+        q_parts, dq_parts = zip(*field_of_each("edges"), strict=True)
         return cls(
             rows=sum(field_of_each("rows")),
             squares=np.sum(field_of_each("squares"), axis=0),
@@ -277,7 +282,7 @@ class MotionFigures:
             envelope=Bins.from_parts(field_of_each("envelope")),
             band=_join_optional(Bins.from_parts, field_of_each("band")),
             runs=_join_optional(Runs.from_parts, field_of_each("runs")),
-            edges=(q, dq),
+            edges=(np.concatenate(q_parts), np.concatenate(dq_parts)),
             fastest=np.max(field_of_each("fastest"), axis=0),
             largest=np.max(field_of_each("largest"), axis=0),
             noise=np.max(field_of_each("noise"), axis=0),
@@ -286,7 +291,7 @@ class MotionFigures:
             motors=_join_optional(MotorFigures.from_parts, field_of_each("motors")),
             payload_shares=_join_optional(PayloadShares.from_parts, field_of_each("payload_shares")),
             payload_torque=max(field_of_each("payload_torque")),
-            comparisons=tuple(map(TorqueComparison.from_parts, zip(*field_of_each("comparisons"), strict=True))),
+            comparisons=tuple(comparisons),
             is_above_limit=np.concatenate(field_of_each("is_above_limit")),
         )
 
@@ -380,8 +385,10 @@ class MotionPass:
             borne = load.follower_torques(s)
         whole = Extremes.from_states(load, self.limits, s, (s.time, torques, borne))
         doubtful = self.spans.within(s.time)
-        edges = self._edges[(self._edges >= rows.start) & (self._edges < rows.stop)] - first_row
-        some_states = s[:: max(1, len(s) // _MASS_SAMPLES)]
+        is_inside = (self._edges >= rows.start) & (self._edges < rows.stop)
+        edges = self._edges[is_inside] - first_row
+        stride = max(1, len(s) // _MASS_SAMPLES)
+        some_states = s[::stride]
         sigma = np.zeros_like(torques)
         if self.estimating or measured is not None:
             sigma = self._sigma(s)
@@ -494,7 +501,8 @@ class MotionPass:
 
     def _may_exceed_limit(self, q: Array, torques: Array, column: int, order: int, acceleration: float) -> bool:
         """True if an acceleration of a smoothed column changes ``torques`` (nv,) beyond a limit, or where there is no limit."""
-        velocities, factor = slice(column, column + 1), 1.0
+        velocities = slice(column, column + 1)
+        factor = 1.0
         if order == 2:  # the column is a coordinate, not a velocity
             velocities, factor = _moved_velocities(self.load.robot.model, column)
         M_columns = self.load.mass_matrix(q)[:, velocities]
@@ -566,6 +574,8 @@ class MotionPass:
 
 _NUMBERS_PER_SLICE = 1 << 19
 """Rows times velocities of a slice: 4 MiB per array."""
+_MIN_ROWS_PER_SLICE = 1024
+"""Least number of rows of a slice."""
 _MAX_EXCERPT_BYTES = 1 << 21
 """Bytes of the excerpts used to plan the analysis of a longer log."""
 
@@ -592,7 +602,8 @@ def analyse(
     plan_duration = _PLAN_DURATION * excerpt_share
     draws_duration = _DRAWS_DURATION * excerpt_share
     steps = Steps(progress, (_PASS_DURATION, plan_duration, _PASS_DURATION, draws_duration))
-    passes = _Passes(load, limits, chunk or _rows_per_slice(load), steps)
+    rows_per_slice = chunk or _rows_per_slice(load)
+    passes = _Passes(load, limits, rows_per_slice, steps)
     if differentiation.smooths:
         steps.skip(2)  # the pass over the unsmoothed log, and the plan
         report = passes.report_of_smoothed(differentiation)
@@ -649,7 +660,8 @@ def _report(
     estimates: Sequence[PeakEstimate] | None = None,
 ) -> TorqueReport:
     """Report of the figures ``found`` by a pass ``run``, with noise-corrected peaks if there are ``estimates``."""
-    plan, load = run.plan, run.load
+    plan = run.plan
+    load = run.load
     outliers = outliers_of(found.outliers)
     joints = _joints(run, found)
     if unsmoothed is not None:
@@ -749,7 +761,8 @@ def _doubts(run: MotionPass, figures: MotionFigures, *, glitches: bool) -> tuple
 
     If one of the other doubts refuses the log, torques are not doubted as well.
     """
-    log, robot = run.plan.trajectory, run.load.robot
+    log = run.plan.trajectory
+    robot = run.load.robot
     doubts_without_dynamics = log.doubts(run.limits, own=robot.limits, glitches=glitches)
     if any(doubt.refuses for doubt in doubts_without_dynamics):
         return doubts_without_dynamics
@@ -788,7 +801,8 @@ def _with_unsmoothed_figures(joints: Sequence[JointTorque], unsmoothed: MotionFi
     peak = unsmoothed.whole.peak
     joints_with_figures = []
     for k, joint in enumerate(joints):
-        raw, raw_time = float(peak.signed[k]), float(peak.time[k])
+        raw = float(peak.signed[k])
+        raw_time = float(peak.time[k])
         noise_of_joint = float(unsmoothed.noise[k])
         joints_with_figures.append(replace(joint, noise=noise_of_joint, raw=raw, raw_time=raw_time))
     return joints_with_figures
@@ -807,12 +821,15 @@ def _check_finite(torques: Array, s: MotionSamples) -> None:
 
 def _rows_per_slice(load: LoadCase) -> int:
     """Number of rows that are processed at once."""
-    return max(1024, _NUMBERS_PER_SLICE // max(1, load.robot.nv))
+    velocity_count = max(1, load.robot.nv)
+    return max(_MIN_ROWS_PER_SLICE, _NUMBERS_PER_SLICE // velocity_count)
 
 
 def write_torques(report: TorqueReport, path: str | Path, *, split: bool) -> Path:
     """Write time and torques of a report, their causes if ``split``, and the torques of a noisy log before smoothing."""
-    load, plan, unsmoothed = report.load, report.differentiation, report.derived
+    load = report.load
+    plan = report.differentiation
+    unsmoothed = report.derived
     quantities = ["torque"]
     if split:
         quantities += load.causes
@@ -832,7 +849,8 @@ def write_torques(report: TorqueReport, path: str | Path, *, split: bool) -> Pat
                 unsmoothed_states = unsmoothed.differentiation.complete(motion)[inner]
                 torques.append(load.torques(unsmoothed_states))
             rows = slice(first_row, first_row + len(s))
-            columns = [s.time[:, None], *map(load.drive_torques, torques)]
+            columns = [s.time[:, None]]
+            columns += [load.drive_torques(tau) for tau in torques]
             columns += [values[rows, None] for values in other_columns.values()]
             table.numbers(np.concatenate(columns, axis=1))
             first_row += len(s)

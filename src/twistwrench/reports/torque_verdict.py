@@ -94,8 +94,8 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     missing_limits = limit_doubts(report.load.robot, report.limits, report.peaks)
     doubts_before, doubts_after = carried_doubts(report, report.joints)
     max_hidden = most_hidden(report)
-    largest_share = max((j.share for j in report.joints), default=0.0)
-    if largest_share > NEAR_LIMIT:
+    shares = [j.share for j in report.joints]
+    if max(shares, default=0.0) > NEAR_LIMIT:  # then every gap with motion hides too much
         max_hidden = 0.0
     gaps = _gap_doubts(report, max_hidden)
     doubts_after = [reason for reason in doubts_after if reason not in doubts]
@@ -127,7 +127,12 @@ def _motion_excesses(report: TorqueReport, *, degrees: bool) -> list[tuple[Exces
     """
     excesses, _ = _judge_motion(report, degrees=degrees)
     turned_joints = _turned_joints(report, level="note")
-    return [(e, text) for e, text in excesses if e.kind not in _STOP_KINDS or e.joint not in turned_joints]
+    comparable_excesses = []
+    for e, text in excesses:
+        is_of_turned_joint = e.kind in _STOP_KINDS and e.joint in turned_joints
+        if not is_of_turned_joint:
+            comparable_excesses.append((e, text))
+    return comparable_excesses
 
 
 def _certain_excesses(
@@ -333,7 +338,12 @@ def _reasons_of_log(report: TorqueReport) -> list[str]:
 def _differing_torques(report: TorqueReport) -> list[MeasuredTorque]:
     """Measured torques whose difference from the computed torques affects the verdict."""
     min_differences = {j.joint: _MIN_DIFFERENCE_OF_LIMIT * j.limit for j in _limited_joints(report)}
-    return [m for m in report.measured if m.disagrees and m.residual > min_differences.get(m.joint, 0.0)]
+    differing_torques = []
+    for m in report.measured:
+        min_difference = min_differences.get(m.joint, 0.0)  # any difference counts without a limit
+        if m.disagrees and m.residual > min_difference:
+            differing_torques.append(m)
+    return differing_torques
 
 
 _MIN_DIFFERENCE_OF_LIMIT = 0.02
@@ -398,20 +408,21 @@ def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list
     limited = _limited_joints(report)
     deviations = confidence(len(limited))
     excess_by_joint = _torque_excesses(report)
-    over, unsure = [], []
+    excesses: list[tuple[Excess, str]] = []
+    open_sentences: list[str] = []
     for j in limited:
         half_width = deviations * report.reach(j)
         excess = excess_by_joint.get(j.joint)
         if excess is not None and abs(j.peak) - half_width > j.limit:
-            over.append((excess, _over_sentence(report, j)))
+            excesses.append((excess, _over_sentence(report, j)))
         elif _is_open(j, half_width, excess):
-            unsure.append(_open_sentence(report, j))
+            open_sentences.append(_open_sentence(report, j))
     for follower_excess, text in _judge_followers(report):
         if follower_excess is None:
-            unsure.append(text)
+            open_sentences.append(text)
         else:
-            over.append((follower_excess, text))
-    return over, unsure
+            excesses.append((follower_excess, text))
+    return excesses, open_sentences
 
 
 def _limited_joints(report: TorqueReport) -> list[JointTorque]:
@@ -451,7 +462,11 @@ def _wide_peaks(report: TorqueReport) -> list[str]:
     limited = _limited_joints(report)
     deviations = confidence(len(limited))
     excess_by_joint = _torque_excesses(report)
-    candidates = [j for j in limited if not _is_open(j, deviations * report.reach(j), excess_by_joint.get(j.joint))]
+    candidates = []
+    for j in limited:
+        half_width = deviations * report.reach(j)
+        if not _is_open(j, half_width, excess_by_joint.get(j.joint)):
+            candidates.append(j)
     candidates += [j for j in report.joints if not math.isfinite(j.limit)]
     peaks = [_peak_text(report, j) for j in candidates if _is_wide(report, j)]
     if not peaks:
@@ -541,7 +556,7 @@ def because(joint: JointTorque) -> str:
 
 def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[tuple[Excess, str]], list[str]]:
     """Exceeded limits of positions, velocities and bearings with sentences, and sentences on excesses that noise explains."""
-    over: list[tuple[Excess, str]] = []
+    excesses: list[tuple[Excess, str]] = []
     noisy_joints: dict[str, list[str]] = {}  # by quantity
     for e in report.excesses:
         if e.kind == "effort":
@@ -549,7 +564,7 @@ def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[
         if is_noise(report, e):
             noisy_joints.setdefault(KINDS[e.kind], []).append(e.joint)
         else:
-            over.append((e, _motion_sentence(e, degrees=degrees)))
+            excesses.append((e, _motion_sentence(e, degrees=degrees)))
     if report.derived is not None:  # velocities that smoothing has brought below their limits
         remaining = _joints_and_kinds(report.excesses)
         for e in report.derived.excesses:
@@ -559,7 +574,7 @@ def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[
     doubts = []
     for quantity, joints in noisy_joints.items():
         doubts.append(f"noise explains why the {quantity} limit of {listed(joints, _MAX_LISTED_JOINTS)} is passed")
-    return over, doubts
+    return excesses, doubts
 
 
 def _motion_sentence(e: Excess, *, degrees: bool) -> str:
@@ -703,7 +718,8 @@ def _contact_notes(report: TorqueReport) -> Iterator[str]:
     if report.held.support is not None:
         yield from support_notes(report.held.support)
         return
-    undriven = list(dict.fromkeys(b.joint.name for b in report.load.robot.model.bodies if not b.joint.driven))
+    joints = [body.joint for body in report.load.robot.model.bodies]
+    undriven = dict.fromkeys(joint.name for joint in joints if not joint.driven)  # each name once
     if undriven and not missing_force(report.load.with_load.model, report.joints):  # the verdict names a missing force
         yield f"Nothing drives {', '.join(undriven)}: its rows are the wrench that contacts would have to give."
 
@@ -785,7 +801,8 @@ def _outlier_notes(report: TorqueReport) -> Iterator[str]:
     """Note on samples that smoothing flattened although noise does not explain them."""
     d = report.differentiation
     columns = d.trajectory.columns
-    factors = columns.factors["dq" if d.source == "velocities" else "q"]
+    smoothed_quantity = "dq" if d.source == "velocities" else "q"
+    factors = columns.factors[smoothed_quantity]
     sample_texts = []
     for outlier in report.outliers[:_MAX_LISTED_JOINTS]:
         name = columns.header[int(d.places[outlier.column])]
@@ -835,7 +852,8 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
 
 def _noise_note(report: TorqueReport) -> str:
     """Noise of the noisiest column, and its effect on accelerations and torques."""
-    d, quality = report.differentiation, report.quality
+    d = report.differentiation
+    quality = report.quality
     column = int(quality.noise.argmax())
     name = d.trajectory.columns.header[d.places[column]]
     noise_text = f"{number(quality.noise[column], 2)} (1 σ, {name}, in the file's unit"
@@ -867,4 +885,6 @@ def _stamps_matter(report: TorqueReport) -> bool:
     """True if most noisy columns have errors of time stamps, too."""
     is_noisy = report.quality.noise > 0
     has_stamp_error = report.differentiation.errors.stamp > 0
-    return bool(is_noisy.any() and (has_stamp_error & is_noisy).sum() > 0.5 * is_noisy.sum())
+    noisy_count = int(is_noisy.sum())
+    noisy_count_with_error = int((has_stamp_error & is_noisy).sum())
+    return noisy_count > 0 and noisy_count_with_error > 0.5 * noisy_count

@@ -389,7 +389,8 @@ class RobotBase:
         from ..mechanics.model.parameters import matching, nominal
 
         values = nominal(self.model)
-        return {name: values[name] for name in matching(self.model, patterns or ("*",))}
+        names = matching(self.model, patterns or ("*",))
+        return {name: values[name] for name in names}
 
     def program(self, *names: str, **options: Unpack[KernelOptions]) -> Program:
         """Straight-line program behind a kernel, for example to count its operations.

@@ -196,8 +196,8 @@ class ConstraintMethods(RobotBase):
         require_angle(closed, q)
         independent = independent_rows(closed.constraint_jacobian(q), tree.mass_matrix(q), sizes)
         closed = constrained_robot(independent)
-        has_new_redundant_rows = not set(closed.redundant_rows) <= set(self.redundant_rows)
-        if redundant == "error" and has_new_redundant_rows:
+        new_redundant_rows = set(closed.redundant_rows) - set(self.redundant_rows)
+        if redundant == "error" and new_redundant_rows:
             refuse_redundant(closed)
         return closed
 
@@ -337,7 +337,8 @@ class ConstraintMethods(RobotBase):
         from ..mechanics.algorithms.constraint_projector import ConstraintProjector
 
         A = self.constraint_jacobian(q)
-        return A, ConstraintProjector.from_rows(A, self.open().mass_matrix(q), self.sizes, len(self.independent))
+        M = self.open().mass_matrix(q)
+        return A, ConstraintProjector.from_rows(A, M, self.sizes, max_rank=len(self.independent))
 
     def _nearest(self, q: Array, rates: Array, bias: Array | float) -> Array:
         """Rates nearest to ``rates`` (..., nv) in the kinetic metric that satisfy A rates + bias = 0."""

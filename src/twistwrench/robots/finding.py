@@ -102,7 +102,7 @@ def robot_file(source: str) -> Path:
 def known_robots() -> dict[str, FoundRobot]:
     """Every robot that :func:`twistwrench.find` finds without a download, by name; the first source takes precedence."""
     robots: dict[str, FoundRobot] = {}
-    for robot in (*_bundled_robots(), *_example_robots(), *_cached_descriptions()):
+    for robot in chain(_bundled_robots(), _example_robots(), _cached_descriptions()):
         robots.setdefault(robot.name, robot)
     return robots
 
@@ -130,10 +130,10 @@ def _example_robots() -> Iterator[FoundRobot]:
     files_by_folder: dict[str, dict[str, Path]] = {}  # paths by the plain name of the file
     for path in sorted(folder.rglob("*")):
         if path.suffix in _FILE_SUFFIXES:
-            robot_folder = path.relative_to(folder).parts[0]
+            robot_folder = path.relative_to(folder).parts[0]  # the outermost one
             files = files_by_folder.setdefault(_robot_of_folder(robot_folder), {})
             files.setdefault(plain_name(path.stem), path)
-    stem_counts = Counter(chain.from_iterable(files_by_folder.values()))
+    stem_counts = Counter(chain.from_iterable(files_by_folder.values()))  # number of folders with a file of this name
     for robot_name, files in files_by_folder.items():
         for stem, path in files.items():
             if stem_counts[stem] == 1:  # no other folder has a file of this name
@@ -147,7 +147,9 @@ def _example_robots() -> Iterator[FoundRobot]:
             yield FoundRobot(robot_name, source, files[robot_name])
         elif len(files) == 1 or all(stem.startswith(f"{robot_name}_") for stem in files):
             # all files are variants of one robot, the plainest of which has the shortest name
-            shortest_stem = min(files, key=lambda stem: (len(stem), stem))
+            shortest_stem = min(
+                files, key=lambda stem: (len(stem), stem)
+            )  # of equal lengths, the first in the alphabet
             yield FoundRobot(robot_name, source, files[shortest_stem])
 
 
@@ -166,7 +168,8 @@ def _cached_descriptions() -> Iterator[FoundRobot]:
     if spec is None or not spec.submodule_search_locations:
         return
     package = Path(next(iter(spec.submodule_search_locations)))  # folder of the package
-    cache = Path(os.environ.get("ROBOT_DESCRIPTIONS_CACHE") or "~/.cache/robot_descriptions").expanduser()
+    cache_path = os.environ.get("ROBOT_DESCRIPTIONS_CACHE") or "~/.cache/robot_descriptions"
+    cache = Path(cache_path).expanduser()
     if not cache.is_dir():
         return
     folder_names = _repositories(package / "_repositories.py")
@@ -224,7 +227,9 @@ def _evaluate_path(node: ast.expr | None, variables: Mapping[str, Path], clones:
     if not isinstance(node, ast.Call) or not node.args:
         return None
     # the function may be a name, or an attribute of a module
-    function_name = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+    function_name = getattr(node.func, "attr", "")
+    if isinstance(node.func, ast.Name):
+        function_name = node.func.id
     if function_name.endswith("clone_to_cache"):
         repository = node.args[0]
         return clones.get(str(repository.value)) if isinstance(repository, ast.Constant) else None
@@ -247,6 +252,10 @@ def _parse_module(file: Path) -> ast.Module:
         return ast.Module([], [])
 
 
+_MAX_REASON_LENGTH = 300
+"""Largest number of characters of a reason."""
+
+
 def _download(robot_name: str, name: object) -> Path:
     """Path of a robot that ``robot_descriptions`` downloads; ``name``: as the caller wrote it, for errors."""
     if find_spec(_DESCRIPTIONS_PACKAGE) is None:
@@ -261,7 +270,8 @@ def _download(robot_name: str, name: object) -> Path:
     try:
         module = importlib.import_module(f"{_DESCRIPTIONS_PACKAGE}.{modules[robot_name]}")
     except Exception as error:
-        reason = " ".join(str(error).split())[:300]  # on one line
+        reason = " ".join(str(error).split())  # on one line
+        reason = reason[:_MAX_REASON_LENGTH]
         raise NotFoundError(f"{_DESCRIPTIONS_PACKAGE} could not fetch {name!r}: {reason}.") from None
     for path_name in _PATH_NAMES:
         if hasattr(module, path_name):

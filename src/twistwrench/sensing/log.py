@@ -128,7 +128,9 @@ class ReadingLog:
         [[0.0, 0.0, -9.81]]
         """
         plain = plain_arrays({"pose": pose, "V": V, "dV": dV})  # without labels of frames
-        pose, V, dV = plain["pose"], plain["V"], plain["dV"]
+        pose = plain["pose"]
+        V = plain["V"]
+        dV = plain["dV"]
         F = np.array(arguments.real(readings, f"{name}: readings"), float)
 
         if F.size == 0:
@@ -148,15 +150,18 @@ class ReadingLog:
         V_rows = None if V is None else _reading_rows(V, n, 6, f"{name}: V")
         dV_rows = None if dV is None else _reading_rows(dV, n, 6, f"{name}: dV")
         if not np.isfinite(F).all():
-            row, column = np.argwhere(~np.isfinite(F))[0]  # the first one
+            not_finite = np.argwhere(~np.isfinite(F))
+            row, column = not_finite[0]
             raise ValueRangeError(
                 f"{name}: {WRENCH[column]} of reading {row} is {F[row, column]}. Readings must be finite: fill or remove it."
             )
-        if not np.any(gravity_rows, axis=1).all():
+        has_gravity = np.any(gravity_rows, axis=1)
+        if not has_gravity.all():
             raise ValueRangeError(
                 f"{name}: gravity is zero in a reading, so nothing has a weight. Give {STRENGTH} m/s² of it."
             )
-        if (V is None) != (dV is None):
+        lacks_one_of_both = (V is None) != (dV is None)
+        if lacks_one_of_both:
             raise ValueRangeError(f"{name}: V and dV belong together. Give both, or neither for a sensor at rest.")
         t = None if time is None else _increasing_times(time, n, name)
         R = None if pose is None else np.broadcast_to(checked_rotations(pose), (n, 3, 3))
@@ -230,7 +235,7 @@ class ReadingLog:
         largest_moment = float(np.abs(moments).max())
         moment_norm = float(np.linalg.norm(moments))
         force_norm = float(np.linalg.norm(forces))
-        if largest_moment > _MIN_DOUBTED_MOMENT and force_norm:
+        if largest_moment > _MIN_DOUBTED_MOMENT and force_norm > 0.0:
             lever = moment_norm / force_norm
             if lever > MAX_LEVER:
                 doubts.append(doubt("sensor-lever-size", lever=number(lever, 3)))
@@ -307,7 +312,9 @@ def checked_log(log: Any, taker: str) -> ReadingLog:
 def first_late_row(time: Array) -> int | None:
     """Index of the first time (n,) that does not exceed the time before it; None if all times increase."""
     late_rows = np.flatnonzero(np.diff(time) <= 0)
-    return int(late_rows[0]) + 1 if late_rows.size else None
+    if not late_rows.size:
+        return None
+    return int(late_rows[0]) + 1  # difference k is between rows k and k + 1
 
 
 def _increasing_times(time: ArrayLike, count: int, name: str) -> Array:

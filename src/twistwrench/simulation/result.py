@@ -299,6 +299,8 @@ def _largest_magnitude(x: Array) -> float:
 
 # ── Preallocated record of a run
 
+_USUAL_FREE_ROWS = 2
+"""Number of rows that may stay free in a run that reaches its end."""
 MAX_INITIAL_ROWS = 1_000_000
 """Largest number of states for which memory is allocated at the start."""
 
@@ -314,18 +316,26 @@ class Record:
         """Number of stored states."""
         self.events: list[Happening] = []
         rows = min(rows, MAX_INITIAL_ROWS)
-        self._parts = np.empty(rows), np.empty((rows, size)), np.empty((rows, nv)), np.empty((rows, nv))
+        times = np.empty(rows)
+        states = np.empty((rows, size))
+        accelerations = np.empty((rows, nv))
+        torques = np.empty((rows, nv))
+        self._parts = times, states, accelerations, torques
         """Times, states, accelerations and torques; rows from ``count`` on are free."""
 
     @property
     def last(self) -> float:
         """Time of the last state [s]; -inf if there is none."""
-        return float(self._parts[0][self.count - 1]) if self.count else -np.inf
+        if self.count == 0:
+            return -np.inf
+        times, *_ = self._parts
+        return float(times[self.count - 1])
 
     @property
     def states(self) -> Array:
         """States (count, size)."""
-        return self._parts[1][: self.count]
+        _, states, *_ = self._parts
+        return states[: self.count]
 
     def keep(self, t: float, y: Array, ddq: Array, tau: Array) -> None:
         """Add a state."""
@@ -339,7 +349,8 @@ class Record:
 
     def keep_block(self, times: Array, states: Array, accelerations: Array, tau: Array) -> None:
         """Add m states (m, size) under torques (nv,) or (m, nv)."""
-        begin, end = self.count, self.count + len(times)
+        begin = self.count
+        end = begin + len(times)
         if end > len(self._parts[0]):
             self._grow(end)
         for part, values in zip(self._parts, (times, states, accelerations, tau), strict=True):
@@ -349,8 +360,11 @@ class Record:
     def result(self, robot: Robot, works: tuple[str, ...], **other_fields: Any) -> SimulationResult:
         """Result with the stored states, their energies and momentum, and other fields. ``works`` are names of the works."""
         times, states, accelerations, torques = (part[: self.count] for part in self._parts)
-        if self.count < len(self._parts[0]) - 2:  # releases memory after an early end
-            times, accelerations, torques = times.copy(), accelerations.copy(), torques.copy()
+        ended_early = self.count < len(self._parts[0]) - _USUAL_FREE_ROWS
+        if ended_early:  # copies release the memory of the free rows; the states are copied below in any case
+            times = times.copy()
+            accelerations = accelerations.copy()
+            torques = torques.copy()
         column_blocks = np.split(states, [robot.nq, robot.nq + robot.nv], axis=1)
         q, dq, work_values = map(np.ascontiguousarray, column_blocks)
         with np.errstate(all="ignore"):  # the last states before a failure may overflow

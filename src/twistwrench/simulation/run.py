@@ -121,7 +121,8 @@ class Run:
                 run_callback_blocks(self, self.compiled)
             if self.stopped or self.steps == self.n:
                 return
-            y = self.last[1].copy()
+            _, last_state = self.last
+            y = last_state.copy()
         for k in range(self.steps, self.n):  # all steps, or those from the first unstable one of compiled steps
             t = k * self.h
             self.sample(t, y)
@@ -144,7 +145,8 @@ class Run:
 
     def result(self, stopped: str, *, completed: bool) -> SimulationResult:
         """Result up to now, including the last stable state."""
-        if self.last[0] > self.record.last:
+        last_time, _ = self.last
+        if last_time > self.record.last:
             try:
                 self.keep_at(*self.last)
             except (SimulationError, KeyboardInterrupt):  # the run ends by the same error or interrupt already
@@ -185,11 +187,14 @@ class Run:
         if self.stepper is not None:
             step_error = self.stepper.total_error(extent.spans)
         elif self.doubling.steps:
-            flow = self.compiled or OneByOne(self.system, self.scheme)
+            flow: CompiledSteps | OneByOne = OneByOne(self.system, self.scheme)
+            if self.compiled is not None:
+                flow = self.compiled
             step_error = self.doubling.errors(flow, extent.spans)
         if step_error is not None:
             self.accuracy = Accuracy.from_error(extent, step_error)
-        missed_error = self.force_check.error(extent, self.last[0])
+        last_time, _ = self.last
+        missed_error = self.force_check.error(extent, last_time)
         if missed_error is None:
             return
         if Accuracy.from_error(extent, missed_error).remarkable:
@@ -209,7 +214,8 @@ class Run:
 
     def begin(self) -> Array:
         """First state, passed to the event detector."""
-        y = self.last[1].copy()
+        _, first_state = self.last  # no step is taken yet
+        y = first_state.copy()
         if self.detector is not None:
             self.detector.begin(0.0, y)
         return y
@@ -236,7 +242,8 @@ class Run:
             contacts_worked = bool(y1[-1] != y[-1])  # the last entry of a state is the work of contacts
             if self.contact_durations.step(t, self.detector.gaps, worked=contacts_worked):
                 return True
-        dry_friction, moving = self.system.dry_friction, self.system.moving
+        dry_friction = self.system.dry_friction
+        moving = self.system.moving
         if dry_friction is None:
             return False
         sign_changes = np.sign(y1[moving]) != np.sign(y[moving])

@@ -71,13 +71,15 @@ class GivenTorque(TorqueLaw):
 
     def torques(self, _model: Model, _angles: Array, _q: Array, _dq: Array, /, *given: Array) -> Array:
         """Given torques τ."""
-        return given[0]
+        (tau,) = given
+        return tau
 
     def torques_of_step(
         self, _model: Model, _angles: Array, _q: Array, _dq: Array, _h: Any, /, *given: Array
     ) -> tuple[Array, None]:
         """Given torques τ."""
-        return given[0], None
+        (tau,) = given
+        return tau, None
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,17 +30,17 @@ _REST_SPEED_SHARE = 1e-6
 class BalanceSolution:
     """Forces, margins and proofs of n rows; :class:`~twistwrench.statics.support.Support` explains each field."""
 
-    holds: Array
-    decided: Array
-    how: Array
-    forces: Array
-    speed: Array
-    slowest: Array
-    payload: Array
-    friction: Array
-    motion: Array
-    power: Array
-    least_norm: Array
+    holds: Array  # (n,) mask
+    decided: Array  # (n,) mask
+    how: Array  # (n,) texts
+    forces: Array  # (n, c, 3) [N]
+    speed: Array  # (n,) largest factors of the speed
+    slowest: Array  # (n,) least factors of the speed
+    payload: Array  # (n,) [kg]
+    friction: Array  # (n,) least coefficients
+    motion: Array  # (n, m)
+    power: Array  # (n,) power of the load in the motion
+    least_norm: Array  # (n,) mask
 
 
 class Balance:
@@ -59,11 +59,16 @@ class Balance:
         turning: Array,
         in_contact: ArrayLike | None,
     ) -> None:
-        """``maps`` (n, m, c, 3) are G; ``heavier`` (n, m) is the load of 1 kg more; ``turning`` (m,) are moment equations."""
+        """Balance by ``maps`` (n, m, c, 3), the matrices G; ``turning`` (m,) is the mask of the moment equations.
+
+        Loads (n, m) are ``b``, the load at rest ``rest_load``, and the load of 1 kg more ``heavier``.
+        """
         n, _, c, _ = maps.shape
         self.contacts = contacts
         self.cones, self.bounds = cones_of(contacts, n)
-        self.active = np.ones((n, c), bool) if in_contact is None else _contact_mask(in_contact, n, c)
+        self.active = np.ones((n, c), bool)  # mask of contacts that carry
+        if in_contact is not None:
+            self.active = _contact_mask(in_contact, n, c)
         lever = float(np.abs(maps[:, turning]).max(initial=0.0))
         if lever == 0.0:  # no moments
             lever = 1.0
@@ -73,45 +78,56 @@ class Balance:
         self.preload = -pull[:, None] * self.cones.normals * self.active[..., None]
         preload = np.einsum("nmck,nck->nm", self.maps, self.preload)
         self.load = b / self.units
-        self.b = self.load - preload
+        self.b = self.load - preload  # balanced by forces beyond the preload
         self.rest_b = None if rest_load is None else rest_load / self.units - preload
         self.heavier = None if heavier is None else heavier / self.units
 
     def solve(self) -> BalanceSolution:
         """Forces, margins and proofs of all rows."""
         optimum = self._programme(self.b)
-        balanced = ~np.isnan(optimum.s)
+        balanced = ~np.isnan(optimum.s)  # s is nan if no forces balance
         unbalanced_load = np.einsum("nmck,nck->nm", self.maps, optimum.forces) - self.b
         residual = np.abs(unbalanced_load).max(axis=1, initial=0.0)
         load_size = np.abs(self.b).max(axis=1, initial=0.0)
         motion, power, how = self._motions(optimum.prices)
         is_exact = residual <= _MAX_RESIDUAL * load_size + _ROUNDING_LOAD
-        decided = optimum.settled & np.where(balanced, is_exact, power > 0)
+        has_proof = power > 0  # the load moves the body, and no contact resists
+        decided = optimum.settled & np.where(balanced, is_exact, has_proof)
         holds = balanced & decided
         fails = decided & ~holds
         forces = np.full(optimum.forces.shape, np.nan)
         least_norm = np.zeros(len(forces), bool)
         forces[holds], least_norm[holds] = self._least_norm(optimum.forces, holds)
-        friction = self._friction()
-        slips_with_any_friction = fails & (how == "slips") & np.isinf(friction)
-        self._tip(np.flatnonzero(slips_with_any_friction), motion, power, how)
+        least_friction = self._friction()
+        slips_with_any_friction = fails & (how == "slips") & np.isinf(least_friction)
+        self._replace_by_tipping(np.flatnonzero(slips_with_any_friction), motion, power, how)
         how = np.where(holds, "holds", how)
         how = np.where(decided, how, "undecided")
         speed, slowest = self._speeds(holds)
         motion = np.where(fails[:, None], motion, np.nan)
         power = np.where(fails, power, np.nan)
         return BalanceSolution(
-            holds, decided, how, forces, speed, slowest, self._payloads(holds), friction, motion, power, least_norm
+            holds=holds,
+            decided=decided,
+            how=how,
+            forces=forces,
+            speed=speed,
+            slowest=slowest,
+            payload=self._payloads(holds),
+            friction=least_friction,
+            motion=motion,
+            power=power,
+            least_norm=least_norm,
         )
 
-    def _tip(self, rows: Array, motion: Array, power: Array, how: Array) -> None:
+    def _replace_by_tipping(self, rows: Array, motion: Array, power: Array, how: Array) -> None:
         """Replace motion, power and ``how`` of ``rows``, which slide, by a motion that no friction resists, if there is one."""
         if not len(rows):
             return
-        share = self._shares()
-        cones = replace(self.cones, friction=_UNLIMITED_FRICTION * share)
+        friction_share = self._friction_shares()
+        cones = replace(self.cones, friction=_UNLIMITED_FRICTION * friction_share)
         optimum = self._programme(self.b[rows], rows=rows, cones=cones)
-        tip_motion, tip_power, tip_how = self._motions(optimum.prices, rows, slippery=share == 0)
+        tip_motion, tip_power, tip_how = self._motions(optimum.prices, rows, slippery=friction_share == 0)
         tips = np.isnan(optimum.s) & optimum.settled & (tip_power > 0)
         tipping_rows = rows[tips]
         motion[tipping_rows] = tip_motion[tips]
@@ -135,15 +151,19 @@ class Balance:
         sense: Sense = "most",
         cones: Cones | None = None,
     ) -> ConeOptimum:
-        """Largest or least s with balance of b + s d, for loads ``b`` of these rows."""
-        maps, active, bounds = self.maps[rows], self.active[rows], self.bounds.of(rows)
-        return cone_programme(cones or self.cones, maps, b, d, bounds=bounds, active=active, sense=sense)
+        """Largest or least s with balance of b + s d, for loads ``b`` of these rows; without ``d``, balance of b alone."""
+        own_cones = self.cones if cones is None else cones
+        return cone_programme(
+            own_cones, self.maps[rows], b, d, bounds=self.bounds.of(rows), active=self.active[rows], sense=sense
+        )
 
     def _least_norm(self, basic: Array, rows: Array) -> tuple[Array, Array]:
         """Forces of least norm beyond the preload, or ``basic`` forces where the search fails; mask of rows with least norm."""
-        maps, active, bounds = self.maps[rows], self.active[rows], self.bounds.of(rows)
-        forces, is_found = least_norm_in_cones(self.cones, maps, self.b[rows], active, bounds)
-        return np.where(is_found[:, None, None], forces, basic[rows]) + self.preload[rows], is_found
+        least_norm_forces, is_found = least_norm_in_cones(
+            self.cones, self.maps[rows], self.b[rows], self.active[rows], self.bounds.of(rows)
+        )
+        forces = np.where(is_found[:, None, None], least_norm_forces, basic[rows])
+        return forces + self.preload[rows], is_found
 
     def forces_within(
         self, forces: Array, least_norm: Array, maps: Array, tau: Array, limits: Array
@@ -160,11 +180,12 @@ class Balance:
             return forces, least_norm
         own_maps, own_b, active = self.maps[rows], self.b[rows], self.active[rows]
         limited = LimitedBalance(self, maps, tau, limits, rows)
-        least = cone_programme(self.cones, own_maps, own_b, bounds=limited.growing, active=active, sense="least")
-        allowed_share = np.maximum(least.s * (1.0 + TOLERANCE), 1.0)
+        least_share = cone_programme(self.cones, own_maps, own_b, bounds=limited.growing, active=active, sense="least")
+        allowed_share = np.maximum(least_share.s * (1.0 + TOLERANCE), 1.0)  # all of a limit may be used
         bounds = limited.within(allowed_share)
-        least_norm_forces, least_norm[rows] = least_norm_in_cones(self.cones, own_maps, own_b, active, bounds)
-        forces[rows] = np.where(least_norm[rows, None, None], least_norm_forces, least.forces) + self.preload[rows]
+        least_norm_forces, is_found = least_norm_in_cones(self.cones, own_maps, own_b, active, bounds)
+        least_norm[rows] = is_found
+        forces[rows] = np.where(is_found[:, None, None], least_norm_forces, least_share.forces) + self.preload[rows]
         return forces, least_norm
 
     def friction_within(self, friction: Array, maps: Array, tau: Array, limits: Array, maximum: float) -> Array:
@@ -173,37 +194,41 @@ class Balance:
         Rows with torques within limits at ``friction``, or above limits even with ``maximum``, keep ``friction``.
         """
         needed_friction = friction.copy()
-        share = self._shares()
-        finite = np.flatnonzero(np.isfinite(friction) & (friction < maximum))
-        cones = replace(self.cones, friction=friction[finite][:, None] * share)
+        friction_share = self._friction_shares()
+        is_raisable = np.isfinite(friction) & (friction < maximum)
+        raisable = np.flatnonzero(is_raisable)
+        cones = replace(self.cones, friction=friction[raisable][:, None] * friction_share)
         forces, solved = least_norm_in_cones(
-            cones, self.maps[finite], self.b[finite], self.active[finite], self.bounds.of(finite)
+            cones, self.maps[raisable], self.b[raisable], self.active[raisable], self.bounds.of(raisable)
         )
-        torques = tau[finite] - np.einsum("nvck,nck->nv", maps[finite], forces + self.preload[finite])
-        rows = finite[exceeding(torques, limits) | ~solved]
-        rows = rows[~self._keeps_limits(rows, friction[rows], share, maps, tau, limits)]
-        rows = rows[self._keeps_limits(rows, np.full(len(rows), maximum), share, maps, tau, limits)]
+        torques = tau[raisable] - np.einsum("nvck,nck->nv", maps[raisable], forces + self.preload[raisable])
+        rows = raisable[exceeding(torques, limits) | ~solved]
+        keeps_already = self._keeps_limits(rows, friction[rows], friction_share, maps, tau, limits)
+        rows = rows[~keeps_already]
+        keeps_at_maximum = self._keeps_limits(rows, np.full(len(rows), maximum), friction_share, maps, tau, limits)
+        rows = rows[keeps_at_maximum]
         if not len(rows):
             return needed_friction
         low = friction[rows]  # too little; high is enough
         high = np.full(len(rows), maximum)
         for _ in range(_BISECTION_STEPS):
             middle = np.tan(0.5 * (np.arctan(low) + np.arctan(high)))  # middle of the cones' angles
-            keeps = self._keeps_limits(rows, middle, share, maps, tau, limits)
+            keeps = self._keeps_limits(rows, middle, friction_share, maps, tau, limits)
             low = np.where(keeps, low, middle)
             high = np.where(keeps, middle, high)
         needed_friction[rows] = high
         return needed_friction
 
     def _keeps_limits(
-        self, rows: Array, friction: Array, share: Array, maps: Array, tau: Array, limits: Array
+        self, rows: Array, friction: Array, friction_share: Array, maps: Array, tau: Array, limits: Array
     ) -> Array:
-        """True for ``rows`` where forces in cones of coefficients ``friction`` · ``share`` keep torques within limits."""
+        """True for ``rows`` where forces in cones of ``friction`` · ``friction_share`` keep torques within limits."""
         if not len(rows):
             return np.zeros(0, bool)
-        cones = replace(self.cones, friction=friction[:, None] * share)
-        within = LimitedBalance(self, maps, tau, limits, rows).within(np.full(len(rows), 1.0 + TOLERANCE))
-        optimum = cone_programme(cones, self.maps[rows], self.b[rows], bounds=within, active=self.active[rows])
+        cones = replace(self.cones, friction=friction[:, None] * friction_share)
+        limited = LimitedBalance(self, maps, tau, limits, rows)
+        bounds = limited.within(np.full(len(rows), 1.0 + TOLERANCE))
+        optimum = cone_programme(cones, self.maps[rows], self.b[rows], bounds=bounds, active=self.active[rows])
         return ~np.isnan(optimum.s) & optimum.settled
 
     def _speeds(self, holds: Array) -> tuple[Array, Array]:
@@ -224,6 +249,7 @@ class Balance:
         payload = np.full(len(self.b), np.nan)
         if self.heavier is None:
             return payload
+        # rows, sign of the added mass, and optimum of its magnitude
         add_most: tuple[Array, float, Sense] = (holds, 1.0, "most")
         remove_least: tuple[Array, float, Sense] = (~holds, -1.0, "least")
         for rows, sign, sense in (add_most, remove_least):
@@ -237,29 +263,29 @@ class Balance:
 
         Bisection is possible, since a row that holds with one coefficient holds with a larger one.
         """
-        share = self._shares()
+        friction_share = self._friction_shares()
         low = np.zeros(len(self.b))
         high = np.full(len(self.b), _UNLIMITED_FRICTION)
-        suffices = self._holds_with(share, high)
-        needs_friction = suffices & ~self._holds_with(share, low)
+        suffices = self._holds_with(friction_share, high)
+        needs_friction = suffices & ~self._holds_with(friction_share, low)
         rows = np.flatnonzero(needs_friction)
         for _ in range(_BISECTION_STEPS):
             middle = np.tan(0.5 * (np.arctan(low) + np.arctan(high)))  # middle of the cones' angles
-            holds = self._holds_with(share, middle, rows)
+            holds = self._holds_with(friction_share, middle, rows)
             high[rows[holds]] = middle[rows[holds]]
             low[rows[~holds]] = middle[rows[~holds]]
         least_friction = np.where(needs_friction, high, 0.0)
         return np.where(suffices, least_friction, np.inf)
 
-    def _shares(self) -> Array:
+    def _friction_shares(self) -> Array:
         """Coefficients of friction (c,) as shares of the largest; 1 for all contacts if all are frictionless."""
         mu = self.cones.friction
         largest = float(mu.max())
         return mu / largest if largest > 0 else np.ones_like(mu)
 
-    def _holds_with(self, share: Array, friction: Array, rows: Array | slice = slice(None)) -> Array:
-        """True for ``rows`` that hold with coefficients ``friction`` (n,) · ``share`` (c,)."""
-        cones = replace(self.cones, friction=friction[rows][:, None] * share)
+    def _holds_with(self, friction_share: Array, friction: Array, rows: Array | slice = slice(None)) -> Array:
+        """True for ``rows`` that hold with coefficients ``friction`` (n,) · ``friction_share`` (c,)."""
+        cones = replace(self.cones, friction=friction[rows][:, None] * friction_share)
         optimum = self._programme(self.b[rows], rows=rows, cones=cones)
         return ~np.isnan(optimum.s) & optimum.settled
 
@@ -274,7 +300,7 @@ class Balance:
         largest_entry = np.abs(motion).max(axis=1, initial=0.0, keepdims=True)
         largest_entry = np.where(largest_entry > 0, largest_entry, 1.0)
         motion = motion / largest_entry
-        y = prices / largest_entry
+        y = prices / largest_entry  # the same motion in scaled equations
         active = self.active[rows]
         velocities = np.einsum("nmck,nm->nck", self.maps[rows], y)
         power = -(y * self.load[rows]).sum(axis=1)
@@ -307,19 +333,21 @@ class LimitedBalance:
         own_limits = np.broadcast_to(limits[has_limit], (len(rows), has_limit.sum()))
         load = np.einsum("nvck,nck->nv", maps[rows], balance.preload[rows]) - tau[rows]
         self.G = maps[rows][:, has_limit] / own_limits[..., None, None]  # torques as shares of the limits
-        self.load = load[:, has_limit] / own_limits
+        self.load = load[:, has_limit] / own_limits  # torques of the preload less τ, as shares of the limits
         self.push_bounds = balance.bounds.of(rows)
 
     @property
     def growing(self) -> ForceBounds:
         """Bounds that grow from zero with the share of the limits."""
-        ones = np.ones_like(self.load)
-        return two_sided(self.G, self.load, 0.0 * ones, ones).concatenate(self.push_bounds)
+        most = np.zeros_like(self.load)
+        rate = np.ones_like(self.load)
+        return two_sided(self.G, self.load, most, rate).concatenate(self.push_bounds)
 
     def within(self, share: Array) -> ForceBounds:
         """Fixed bounds at shares (n,) of the limits."""
-        ones = np.ones_like(self.load)
-        return two_sided(self.G, self.load, share[:, None] * ones, 0.0 * ones).concatenate(self.push_bounds)
+        most = share[:, None] * np.ones_like(self.load)
+        rate = np.zeros_like(self.load)
+        return two_sided(self.G, self.load, most, rate).concatenate(self.push_bounds)
 
 
 def _contact_mask(in_contact: ArrayLike, n: int, c: int) -> Array:

@@ -32,12 +32,13 @@ def numpy_source(equations: Equations) -> str:
 
 def _numpy_function(equations: Equations, function: Routine) -> str:
     """Text of one function, which reads its arrays, evaluates intermediate results, and fills the array of results."""
-    arrays, result_name, axis_count, meaning = FUNCTIONS[function.name]
+    arrays, result_name, axis_count, meaning = FUNCTIONS[function.name]  # axes have n entries each
     n = len(equations.q)
     symbols = constants(equations)
     result_shape = ", ".join([str(n)] * axis_count)
     default = "=PARAMETERS" if len(symbols) == len(equations.parameters) else ""
-    input_shapes, batch_shapes = [], []
+    input_shapes = []
+    batch_shapes = []
     for array in arrays:
         input_shapes.append(f"{array} (..., {n})")
         batch_shapes.append(f"{array}.shape[:-1]")

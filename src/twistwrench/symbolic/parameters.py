@@ -101,7 +101,8 @@ class Namer:
     def entries(self) -> ModelEntries:
         """Numbers of the model, with names where they have one."""
         bodies = self.model.bodies
-        lengths_of_bodies = {i: self._lengths(i) for i in range(BASE, len(bodies))}  # from the base, which is -1
+        body_numbers = range(BASE, len(bodies))  # the base has the number -1
+        lengths_of_bodies = {i: self._lengths(i) for i in body_numbers}
         body_entries = []
         for i, body in enumerate(bodies):
             body_entries.append(self._body(i, body, lengths_of_bodies))
@@ -136,7 +137,8 @@ class Namer:
                 )
             meaning = f"inertia of the drive of joint {body.joint.name} [kg m² or kg]"
             value = float(values[0])
-            armature[body.v_index] = Entry(value, self._new(f"J_{number}", value, ["gears"], meaning))
+            parameter = self._new(f"J_{number}", value, ["gears"], meaning)
+            armature[body.v_index] = Entry(value, parameter)
         return tuple(armature)
 
     def _new(self, name: str, value: float, kinds: Iterable[str], meaning: str, *, signed: bool = False) -> Parameter:
@@ -175,7 +177,7 @@ class Namer:
             name = f"L_{tag}"
             if len(child_by_length) > 1:
                 name += _AXES[axis]
-            earlier_lengths = [length for length in lengths if length[0] == axis]
+            earlier_lengths = [other_size for other_axis, other_size in lengths if other_axis == axis]
             if earlier_lengths:
                 name += f"_{len(earlier_lengths) + 1}"
             kinds = ["lengths"]
@@ -209,7 +211,8 @@ class Namer:
                 massive_links.append(link)
         if body.link in massive_links or len(massive_links) != 1:
             return body.link, f"in {body.link}"
-        return massive_links[0], f"from joint {body.joint.name}"
+        (massive_link,) = massive_links
+        return massive_link, f"from joint {body.joint.name}"
 
     def _body(
         self, i: int, body: Body, lengths_of_bodies: dict[int, dict[tuple[int, float], Parameter]]
@@ -224,7 +227,8 @@ class Namer:
         largest = float(np.abs(G.com).max())
         com = []
         for axis, x in enumerate(G.com):
-            rounded = 0.0 if abs(x) <= _ROUNDING_SHARE * largest else shortest(x, largest)
+            is_rounding_error = abs(x) <= _ROUNDING_SHARE * largest
+            rounded = 0.0 if is_rounding_error else shortest(x, largest)
             com.append(_with_length(axis, rounded, lengths_of_bodies[i]))
         link_and_frame = link if link == body.link else f"{link} {frame_words}"
         unnamed_axes = [axis for axis, entry in enumerate(com) if entry.value and entry.parameter is None]
@@ -248,12 +252,15 @@ class Namer:
     def _axis(self, tag: str, body: Body) -> tuple[Entries, Entry]:
         """Point ω × v/|ω|² of the axis in the child's frame, and the pitch ω·v/|ω|²; zeros for joints without such an axis."""
         if body.joint.nv > 1 or not body.joint.axes[0, :3].any():
-            return (Entry(0.0),) * 3, Entry(0.0)
-        w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
+            zero = Entry(0.0)
+            return (zero, zero, zero), zero
+        w = body.joint.axes[0, :3]
+        v = body.joint.axes[0, 3:]
         position = np.cross(w, v) / (w @ w)
         pitch = float(w @ v / (w @ w))
         is_rounding_error = np.abs(position) <= _ROUNDING_SHARE * np.abs(position).max()
-        position = np.where(is_rounding_error, 0.0, [shortest(x) for x in position])
+        shortest_position = [shortest(x) for x in position]
+        position = np.where(is_rounding_error, 0.0, shortest_position)
         needs_letters = np.count_nonzero(position) > 1
         entries = []
         for axis, value in zip(_AXES, position, strict=True):

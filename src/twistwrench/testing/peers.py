@@ -71,9 +71,8 @@ def file_gap(robot: Robot) -> float:
         return 0.0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        file_model = load_model(
-            path, floating_base=_has_added_root(robot) or None, mimic=mimic, inertia="accept", snap=0.0
-        )
+        floating_base = True if _has_added_root(robot) else None  # None follows the file
+        file_model = load_model(path, floating_base=floating_base, mimic=mimic, inertia="accept", snap=0.0)
     if [body.joint.name for body in file_model.bodies] != [body.joint.name for body in model.bodies]:
         raise ModelError("joints differ from those of the file: some are locked, or driven by actuators with rotors.")
     gaps = [0.0]
@@ -94,8 +93,9 @@ def _pinocchio(robot: Robot) -> Residual:
         import pinocchio
     except ImportError:
         raise MissingExtraError.from_extra("pin", "peers", "Comparing with Pinocchio") from None
-    root = [pinocchio.JointModelFreeFlyer()] if _has_added_root(robot) else []
-    model = _read_by("Pinocchio", path, lambda: pinocchio.buildModelFromUrdf(str(path), *root))
+    # the joint of a floating base is an optional argument
+    root_arguments = [pinocchio.JointModelFreeFlyer()] if _has_added_root(robot) else []
+    model = _read_by("Pinocchio", path, lambda: pinocchio.buildModelFromUrdf(str(path), *root_arguments))
     model.gravity.linear = robot.gravity
     data = model.createData()
     P = pinocchio_rates(robot, model)  # maps dq of the robot to Pinocchio's
@@ -131,7 +131,10 @@ def _mujoco(robot: Robot) -> Residual:
     mujoco_rates(robot, model, robot.neutral)  # raises if the joints do not match
 
     def residual(robot: Robot, state: State) -> float:
-        data.qpos[:], data.qvel[:], data.qacc[:] = to_mujoco(robot, model, *state)
+        q, dq, ddq = to_mujoco(robot, model, *state)
+        data.qpos[:] = q
+        data.qvel[:] = dq
+        data.qacc[:] = ddq
         P = mujoco_rates(robot, model, state.q)  # maps dq of the robot to MuJoCo's
         mujoco.mj_inverse(model, data)
         mujoco.mj_fullM(model, data, M)
@@ -151,7 +154,8 @@ def _read_by(library: str, path: Path, read: Callable[[], Any]) -> Any:
             return read()
         except Exception as raised:  # parsers raise exceptions of any kind
             problem = raised
-    message = " ".join(str(problem).split())[:_MAX_MESSAGE_LENGTH]
+    message = " ".join(str(problem).split())  # on one line
+    message = message[:_MAX_MESSAGE_LENGTH]
     if str(error_text):
         message += f"; it wrote: {error_text}"
     raise RobotFileError(f"{library} does not read {path.name}: {message}")

@@ -27,6 +27,8 @@ _MAX_LISTED_CONTACTS = 12
 """Maximum number of listed parts of the motion with an active limit."""
 _MAX_LISTED_VIOLATIONS = 6
 """Maximum number of listed exceeded limits."""
+_MAX_LISTED_JOINTS = 6
+"""Maximum number of listed joints without a velocity limit."""
 _MAX_ROWS = 12
 """Maximum number of rows of the table of joints in a short answer."""
 _TIME_BAR_WIDTH = 24
@@ -82,7 +84,9 @@ def _headline(report: MoveReport, trajectory: Trajectory) -> Headline:
     if report.near is not None:
         return Headline.from_verdict(report.near, further=lines)
     first_word, first_sentence = sentences[0]
-    return Headline(first_word or Word.OK, first_sentence, further=lines[1:])
+    if first_word is None:
+        first_word = Word.OK
+    return Headline(first_word, first_sentence, further=lines[1:])
 
 
 def _sentence_line(word: Word | None, sentence: str) -> Line:
@@ -94,7 +98,8 @@ def _sentence_line(word: Word | None, sentence: str) -> Line:
 
 def _within_limits_text(report: MoveReport, trajectory: Trajectory) -> str:
     """Sentence, without a period, on a motion that keeps the known limits, with its doubts or its assumptions."""
-    lacks_limits = _missing_velocity_limits(trajectory, report.limits) or np.isinf(report.limits.effort).any()
+    lacks_velocity_limits = bool(_missing_velocity_limits(trajectory, report.limits))
+    lacks_limits = lacks_velocity_limits or np.isinf(report.limits.effort).any()
     text = "within the known limits" if lacks_limits else "within all limits"
     if isinstance(trajectory, Fastest):
         if trajectory.time_optimal is None:
@@ -124,7 +129,7 @@ def _missing_velocity_limits(trajectory: Trajectory, limits: Limits) -> list[str
     unlimited = names[~np.isfinite(limits.velocity)]
     if not len(unlimited):
         return []
-    joints = "any joint" if len(unlimited) == len(names) else listed(unlimited, 6)
+    joints = "any joint" if len(unlimited) == len(names) else listed(unlimited, _MAX_LISTED_JOINTS)
     option = spell(Argument("limits", "FILE.csv"))
     return [f"No velocity limit of {joints} is known, so none was applied. Give them with {option} (column velocity)."]
 
@@ -180,15 +185,18 @@ def _three_decimals(value: float) -> str:
 def _timeline(trajectory: Fastest) -> Iterator[Block]:
     """Table of the longest active limits in the order of time."""
     contacts = trajectory.limit_contacts
-    longest_first = sorted(contacts, key=lambda contact: contact.begin - contact.end)
+    longest_first = sorted(contacts, key=lambda contact: contact.begin - contact.end)  # minus the duration
     shown = sorted(longest_first[:_MAX_LISTED_CONTACTS], key=lambda contact: contact.begin)
-    signs = ["+" if contact.side > 0 else "-" for contact in shown]  # side of the limit
+    limit_texts = []
+    for contact in shown:
+        sign = "+" if contact.side > 0 else "-"  # side of the limit
+        limit_texts.append(f"{sign} {contact.kind}")
     yield Table(
         "What limits it when",
         numbers("from", [contact.begin for contact in shown], lambda t: seconds(t, 4), "s"),
         numbers("to", [contact.end for contact in shown], lambda t: seconds(t, 4), "s"),
         words("joint", [contact.joint for contact in shown], fold=False),
-        words("limit", [f"{sign} {contact.kind}" for sign, contact in zip(signs, shown, strict=True)], fold=False),
+        words("limit", limit_texts, fold=False),
         words("", [_time_bar(contact, trajectory.duration) for contact in shown], fold=False),
     )
     remaining = len(contacts) - len(shown)
@@ -207,13 +215,14 @@ def _time_bar(contact: LimitContact, duration: float) -> Glyphs:
 
 def worst_moment(report: MoveReport, trajectory: Trajectory) -> tuple[Array, MarkedJoint, str]:
     """Configuration in which a joint is nearest to a torque or velocity limit, this joint, and a title of the picture."""
-    robot, limits = trajectory.robot, report.limits
+    robot = trajectory.robot
     t = np.linspace(0.0, trajectory.duration, SAMPLES)
     q, dq, ddq = trajectory(t)
-    tau = motor_torques(robot.model, required_torques(robot, t, q, dq, ddq, friction=report.friction))
+    joint_tau = required_torques(robot, t, q, dq, ddq, friction=report.friction)
+    tau = motor_torques(robot.model, joint_tau)
     # Entries of coupled joints belong to motors, whose speeds are not in dq, so velocities are not compared there.
-    velocity_limits = np.where(coupled_entries(robot.model), np.inf, limits.velocity)
-    shares = np.maximum(np.abs(tau) / limits.effort, np.abs(dq) / velocity_limits)
+    velocity_limits = np.where(coupled_entries(robot.model), np.inf, report.limits.velocity)
+    shares = np.maximum(np.abs(tau) / report.limits.effort, np.abs(dq) / velocity_limits)
     row, k = np.unravel_index(int(np.argmax(shares)), shares.shape)
     share = float(shares[row, k])
     joint = report.uses[k].joint

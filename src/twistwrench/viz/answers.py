@@ -63,9 +63,11 @@ def pictures_of(answer: Answer) -> Iterable[Picture]:
     """Pictures of the page of an answer: by default its usual plot; none without matplotlib."""
     if find_spec("matplotlib") is None:
         return []
-    for kind, plot in plots_of(answer).items():
-        return [plot_picture(kind, plot)]  # the first one is the usual plot
-    return []
+    plots = plots_of(answer)
+    if not plots:
+        return []
+    usual_kind = next(iter(plots))
+    return [plot_picture(usual_kind, plots[usual_kind])]
 
 
 @singledispatch
@@ -100,7 +102,8 @@ def plot_one_of(plots: Mapping[str, Plot], answer: Answer, kind: str | Path | No
     if kind is not None and kind not in plots:
         raise UnknownNameError.from_choices("kind of plot", str(kind), plots)
     usual_kind = next(iter(plots))
-    draw = plots[str(kind) if kind else usual_kind]
+    drawn_kind = str(kind) if kind else usual_kind
+    draw = plots[drawn_kind]
     if path is not None:
         target = picture_path(path)
         draw(target)
@@ -147,7 +150,8 @@ def _(answer: CalibratedRobot) -> Mapping[str, Plot]:
 @viewer_of.register
 def _(answer: CalibratedRobot) -> Viewer | None:
     """Calibrated robot at the first reading, with the errors at measured points and over the workspace."""
-    first_configuration = answer.fit.problem.measured[0].q[0]
+    first_measurements = answer.fit.problem.measured[0]
+    first_configuration = first_measurements.q[0]
     layer = calibration_layer(answer)
     return _if_small(page.viewer_page(answer.robot, q=first_configuration, embed=True, layer=layer))
 
@@ -200,7 +204,9 @@ def _(answer: TorqueReport) -> Mapping[str, Plot]:
     plots |= {kind: motion_plot(draw) for kind, draw in _MOTION_PLOTS.items()}
     if answer.motors:
         plots["motors"] = partial(plot_motors, answer)
-    return plots | {kind: plot for kind, (_, plot) in _held_plots(answer).items()}
+    for kind, (_, plot) in _held_plots(answer).items():
+        plots[kind] = plot
+    return plots
 
 
 def _held_plots(answer: TorqueReport) -> Mapping[str, tuple[str, Plot]]:

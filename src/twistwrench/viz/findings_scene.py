@@ -41,9 +41,10 @@ def findings_scene(report: DoctorReport) -> Scene:
     for finding in report.findings:
         if finding.repair is None:
             continue
-        for link, inertia in finding.repair.inertias.items():
-            shapes += _inertia_shapes(model.frames[link], model.link_inertias[link], _WRITTEN_INERTIA)
-            shapes += _inertia_shapes(model.frames[link], inertia, _REPAIRED_INERTIA)
+        for link, repaired_inertia in finding.repair.inertias.items():
+            frame = model.frames[link]
+            shapes += _inertia_shapes(frame, model.link_inertias[link], _WRITTEN_INERTIA)
+            shapes += _inertia_shapes(frame, repaired_inertia, _REPAIRED_INERTIA)
     notes = [f"{finding}. Effect: {finding.effect}." for finding in report.findings[:_MAX_NOTES]]
     return replace(scene, shapes=tuple(shapes), remarks=(*notes, *scene.remarks))
 

@@ -187,13 +187,14 @@ def viewer_page(
     title = contents.robot.name
     if contents.book is not None:
         title = f"{contents.book.number} {contents.book.title}, {title}"
+    style = page_colours() + page_style(section=contents.book is not None)
     template = resources.files(__package__) / "player" / "page.html"
     page = Template(template.read_text("utf-8")).substitute(
         title=html.escape(title),
         sentence=html.escape(_still_sentence(data)),
         still=_still_image(contents.scene, start, motion) if still else "",
         policy=f"{POLICY} {' '.join(digests)}",
-        style=page_colours() + page_style(section=contents.book is not None),
+        style=style,
         programs=programs_script,
         script=page_script,
         data=store.pack(data),
@@ -277,7 +278,8 @@ def _contents_of(
     scene = scene.decimated(_MAX_TRIANGLES)
     requested_q = None
     if q is not None:
-        requested_q = arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
+        one_q = arguments.one(q, "q", robot.nq)
+        requested_q = arguments.finite(one_q, "q", robot.nq)
     if closed is not None:
         loops = loops_of(closed, requested_q, actuated)
     elif motion is None and book is None and requested_q is None:
@@ -291,8 +293,11 @@ def _contents_of(
 
 def _robot_data(contents: _PageContents, programs: PagePrograms, start: Array, store: _ArrayStore) -> dict[str, Any]:
     """Data of the page about the robot and what is shown with it; arrays go to the store."""
-    robot, scene = contents.robot, contents.scene
-    motion, book, loops = contents.motion, contents.book, contents.loops
+    robot = contents.robot
+    scene = contents.scene
+    motion = contents.motion
+    book = contents.book
+    loops = contents.loops
     data = robot_data(robot, start) | _scene_data(scene, store, start, motion)
     data |= wrench_data(robot, contents.wrenches)
     data |= programs.data()
@@ -390,7 +395,8 @@ def open_browser(url: str) -> bool:
     -------
     opened : bool
     """
-    has_display = any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")))
+    variables = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
+    has_display = any(os.environ.get(variable) for variable in variables)
     if sys.platform.startswith("linux") and not has_display:
         return False
     try:
@@ -476,7 +482,8 @@ def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, has_mass: 
         tip_robot = robot
         if has_several_tips:
             tip_robot = Robot(replace(robot.model, tip=tip))
-        ellipsoid_scale, directions = 0.0, 0
+        ellipsoid_scale = 0.0
+        directions = 0
         if has_mass:
             ellipsoid_scale, directions = mass_scale(tip_robot, scene)
         entry |= {
@@ -487,7 +494,8 @@ def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, has_mass: 
     initial_entry = {"tip": None, "payloadFrame": None, "forceScale": 0.0, "massScale": 0.0}
     if entries:
         initial_entry = entries[programs.chosen]
-    return {**initial_entry, "tips": entries if has_several_tips else [], "chosenTip": programs.chosen}
+    tips = entries if has_several_tips else []
+    return {**initial_entry, "tips": tips, "chosenTip": programs.chosen}
 
 
 def _require_control(control: str | None, data: Mapping[str, Any]) -> str | None:
@@ -557,12 +565,14 @@ def _freedom_text(contents: _PageContents) -> str:
         return f"{_count_text(contents.robot.nv, 'degree')} of freedom"
     degrees = _count_text(closed.nv - len(closed.independent), "degree")
     joints = _count_text(len(contents.robot.model.leaders), "joint")
-    return f"{degrees} of freedom ({joints}, {_count_text(len(closed.constraints), 'closure')})"
+    closures = _count_text(len(closed.constraints), "closure")
+    return f"{degrees} of freedom ({joints}, {closures})"
 
 
 def _motion_text(contents: _PageContents) -> str:
     """Text with the moving mass, a payload that no slider sets, and the length of the motion."""
-    text = f"{number(moving_mass(contents.robot.model))} kg moving"
+    mass = moving_mass(contents.robot.model)
+    text = f"{number(mass)} kg moving"
     motion = contents.motion
     if motion is None:
         return text
@@ -631,8 +641,9 @@ def _has_only_driven_joints(data: Mapping[str, Any]) -> bool:
     torques = data["torques"]
     if not torques or data["fall"]["why"] is not None or data["loops"]:
         return False
-    single_axis_joints = sum(len(hand["v"]) == 1 and "turn" not in hand for hand in data["hands"])
-    return single_axis_joints == len(torques) and all(row["limit"] and row["driven"] for row in torques)
+    single_axis_hands = [hand for hand in data["hands"] if len(hand["v"]) == 1 and "turn" not in hand]
+    have_limited_drives = all(row["limit"] and row["driven"] for row in torques)
+    return len(single_axis_hands) == len(torques) and have_limited_drives
 
 
 complete(globals())

@@ -29,12 +29,16 @@ def spheres_of(scene: Scene) -> list[dict[str, Any]]:
 
     The radius is the largest distance of a vertex from the axis, so that the spheres enclose the body's flanks.
     """
-    spheres = []
+    spheres: list[dict[str, Any]] = []
     for k in range(len(scene.robot.model.bodies)):
         shapes = [shape for shape in scene.shapes if shape.body == k and shape.layer == "looks"]
         if not shapes:
             continue
-        points = np.concatenate([s.surface.vertices @ s.pose[:3, :3].T + s.pose[:3, 3] for s in shapes])
+        points_of_shapes = []
+        for shape in shapes:
+            R, p = shape.pose[:3, :3], shape.pose[:3, 3]
+            points_of_shapes.append(shape.surface.vertices @ R.T + p)
+        points = np.concatenate(points_of_shapes)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         _, principal_axes = np.linalg.eigh(np.cov(points.T))
         axis = principal_axes[:, -1]  # of the largest variance
@@ -45,11 +49,13 @@ def spheres_of(scene: Scene) -> list[dict[str, Any]]:
         last_position = positions_along_axis.max() - radius
         positions = np.array([(first_position + last_position) / 2])  # of the spheres' centres along the axis
         if last_position > first_position:
-            length = max(last_position - first_position, 0.0)
+            length = last_position - first_position
             interval_count = np.ceil(length / max(radius, _MIN_RADIUS))  # intervals are at most a radius long
             sphere_count = int(np.clip(interval_count + 1, 1, _MAX_SPHERES))
             positions = np.linspace(first_position, last_position, sphere_count)
-        spheres += [{"body": k, "middle": (middle + t * axis).tolist(), "radius": radius} for t in positions]
+        for position in positions:
+            centre = middle + position * axis
+            spheres.append({"body": k, "middle": centre.tolist(), "radius": radius})
     return spheres
 
 
@@ -60,7 +66,9 @@ def pedestal_of(scene: Scene, spheres: list[dict[str, Any]], floor: float) -> fl
     if not spheres or has_free_base:
         return 0.0
     max_gap = _MAX_STANDING_GAP * scene.size
-    base_heights = [s.surface.placed(s.pose).vertices[:, 2].min() for s in scene.shapes if s.body == BASE]
+    base_shapes = [shape for shape in scene.shapes if shape.body == BASE]
+    base_surfaces = [shape.surface.placed(shape.pose) for shape in base_shapes]
+    base_heights = [surface.vertices[:, 2].min() for surface in base_surfaces]
     if min(base_heights, default=0.0) > floor + max_gap:  # the arm hangs
         return 0.0
     needed_height = floor - _lowest_height(scene, spheres)
@@ -80,5 +88,6 @@ def _lowest_height(scene: Scene, spheres: list[dict[str, Any]]) -> float:
     heights: list[Array] = []
     for sphere in spheres:
         T = poses[:, sphere["body"]]
-        heights.append(T[:, 2, :3] @ sphere["middle"] + T[:, 2, 3] - sphere["radius"])
+        middle_heights = T[:, 2, :3] @ sphere["middle"] + T[:, 2, 3]
+        heights.append(middle_heights - sphere["radius"])
     return float(np.nanmin(heights))

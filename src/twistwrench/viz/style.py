@@ -27,10 +27,13 @@ if TYPE_CHECKING:
 __all__ = ["figure", "page_svg", "require_matplotlib", "save"]
 
 OVER = COLOURS[Style.OVER].plot
+"""Colour of values over a limit."""
 NEAR = COLOURS[Style.NEAR].plot
+"""Colour of values near a limit."""
 POINTED = COLOURS[Style.POINTED].plot
+"""Colour of values pointed at."""
 QUIET = COLOURS[Style.QUIET].plot
-"""Colours of values over and near a limit, of values pointed at, and of remarks."""
+"""Colour of remarks."""
 LINE = "#1f4e79"
 """Colour of a single curve."""
 AXIS = "#555b63"
@@ -43,10 +46,18 @@ PAPER = "#ffffff"
 """Colour of the paper, and of rims that separate marks."""
 FLOOR = "#d9dde2"
 """Colour of the floor's grid."""
-BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
-VERMILION, GREY = "#D55E00", "#8C8C8C"
+BLUE = "#0072B2"
+SKY = "#56B4E9"
+GREEN = "#009E73"
+ORANGE = "#E69F00"
+VERMILION = "#D55E00"
+GREY = "#8C8C8C"
 """Colours of Okabe and Ito for colour-blind readers; sky and orange are for areas only."""
-AMBER, PURPLE, AZURE, OLIVE, VIOLET = "#C98500", "#C76FA0", "#3B9AD9", "#8A8B1E", "#7A63D0"
+AMBER = "#C98500"
+PURPLE = "#C76FA0"
+AZURE = "#3B9AD9"
+OLIVE = "#8A8B1E"
+VIOLET = "#7A63D0"
 """Colours of curves with a contrast of 3 : 1 on white and on dark backgrounds."""
 SERIES = (BLUE, AMBER, GREEN, VERMILION, PURPLE, AZURE, OLIVE, VIOLET)
 """Colours of joints in order, in every plot and in the viewer; further joints repeat them with other dashes."""
@@ -162,7 +173,8 @@ def save(drawn: Figure, path: str | Path | ShownFigure) -> Path:
     # Ticks and their labels are created on saving, so the style must be active again.
     with replacing(target) as scratch, mpl.rc_context(cast("Any", dict(STYLE))):
         _write_minus(drawn)
-        drawn.savefig(scratch, format=target.suffix[1:].lower())
+        file_format = target.suffix.removeprefix(".").lower()
+        drawn.savefig(scratch, format=file_format)
     return target
 
 
@@ -174,7 +186,7 @@ _PAGE_VARIABLES = {
     SHORT: "short",
     LONG: "long",
     PAPER: "paper",
-    "#000000": "ink",
+    "#000000": "ink",  # Matplotlib's own black
     INK: "ink",
     AXIS: "axis",
     **dict.fromkeys(("#e6e8eb", "#f2f2f2", "#e6e6e6", "#e5e5e5", "#ececec"), "grid"),  # also panes of 3-D figures
@@ -262,9 +274,10 @@ def _relative_path(absolute: str) -> str:
     Points are counted in whole hundredths, so that rounding errors of the steps do not add up.
     """
     path = ""
-    first_x, first_y = 0, 0  # first point of the present line, to which z returns
-    last_x, last_y = 0, 0  # point before the present one
-    for command, x_text, y_text in re.findall(r"([MLz])(?: (\S+) (\S+))?", " ".join(absolute.split())):
+    first_x, first_y = 0, 0  # first point of the current line, to which z returns
+    last_x, last_y = 0, 0  # last point of the path so far
+    on_one_line = " ".join(absolute.split())
+    for command, x_text, y_text in re.findall(r"([MLz])(?: (\S+) (\S+))?", on_one_line):
         if command == "z":
             path += "z"
             last_x, last_y = first_x, first_y
@@ -278,6 +291,7 @@ def _relative_path(absolute: str) -> str:
             path += f"{_hundredths(x - last_x)} {_hundredths(y - last_y)} "
         last_x, last_y = x, y
     path = re.sub(r"l(?=[Mz]|$)", "", path)  # a line of a single point has no steps
+    # no blank is needed before a minus or a command
     return path.replace(" -", "-").replace(" z", "z").replace(" M", "M").strip()
 
 
@@ -367,13 +381,13 @@ def draw_joints(
     The columns of ``values`` (n, k) belong to ``names``, and ``places`` are their colour indices, by default 0 to k - 1.
     Returns the indices of the coloured columns.
     """
-    largest_first = sorted(range(len(names)), key=lambda k: -float(sizes[k]))
+    largest_first = sorted(range(len(names)), key=lambda k: -float(sizes[k]))  # columns
     coloured_columns = sorted(largest_first[:MAX_COLOURED])
     other_columns = largest_first[MAX_COLOURED:]
     for k in coloured_columns:
-        place = k if places is None else places[k]
-        colour = SERIES[place % len(SERIES)]
-        dashes = DASHES[place // len(SERIES) % len(DASHES)]
+        colour_index = k if places is None else places[k]
+        colour = SERIES[colour_index % len(SERIES)]
+        dashes = DASHES[colour_index // len(SERIES) % len(DASHES)]
         axis.plot(t, values[:, k], linewidth=1.2, label=names[k], color=colour, linestyle=dashes)
     label: str | None = f"{len(other_columns)} others"
     for k in other_columns:

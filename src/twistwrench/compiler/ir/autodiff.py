@@ -61,8 +61,8 @@ def along(results: Sequence[Expr], known: Known, direction: Sequence[Any]) -> li
             rate = rate + derivative * direction[d]
         if rate is not node.trace.zero:
             known_rates[node][0] = rate
-    (rates,) = _forward_sweeps(results, known_rates, 1)
-    return rates
+    (rates_of_results,) = _forward_sweeps(results, known_rates, 1)
+    return rates_of_results
 
 
 def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, directions: int) -> Array:
@@ -101,7 +101,8 @@ def work(results: Sequence[Expr], known: Known) -> Work:
     for k, result in enumerate(dict.fromkeys(results)):
         if result in directions_of:
             results_of[result] |= 1 << k
-    forward, reverse = 0, 0
+    forward = 0
+    reverse = 0
     for node in reversed(directions_of):
         if node in known:
             factor_count = sum(derivative is not node.trace.one for derivative in known[node].values())
@@ -124,13 +125,14 @@ def work(results: Sequence[Expr], known: Known) -> Work:
 # ── the chain rule ──
 
 
-def _share_of_first(node: Expr, a: Any, b: Any) -> Any:
+def _derivative_by_first(node: Expr, a: Any, b: Any) -> Any:
     """Derivative of a minimum or maximum by its first operand: 1 if it is this one, 0 if the other, ½ if both are equal."""
     if node.op == "min":
         return 0.5 + 0.5 * (b - a).sign()
     return 0.5 + 0.5 * (a - b).sign()
 
 
+# name: derivative by a, derivative by b
 _RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
     "add": (lambda f, a, b: 1.0, lambda f, a, b: 1.0),
     "sub": (lambda f, a, b: 1.0, lambda f, a, b: -1.0),
@@ -142,8 +144,8 @@ _RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
     "cos": (lambda f, a, b: -a.sin(),),
     "exp": (lambda f, a, b: f,),
     "sign": (lambda f, a, b: 0.0,),  # piecewise constant
-    "min": (_share_of_first, lambda f, a, b: 1.0 - _share_of_first(f, a, b)),
-    "max": (_share_of_first, lambda f, a, b: 1.0 - _share_of_first(f, a, b)),
+    "min": (_derivative_by_first, lambda f, a, b: 1.0 - _derivative_by_first(f, a, b)),
+    "max": (_derivative_by_first, lambda f, a, b: 1.0 - _derivative_by_first(f, a, b)),
     "tanh": (lambda f, a, b: 1.0 - f * f,),
     "log": (lambda f, a, b: 1.0 / a,),
     "arctan2": (lambda f, a, b: b / (a * a + b * b), lambda f, a, b: -(a / (a * a + b * b))),
@@ -167,7 +169,7 @@ def _local_derivatives(node: Expr, varying: Mapping[Expr, int]) -> list[tuple[Ex
     composed = node.trace.composed.get(node.index)
     rules = _RULES[node.op if composed is None else composed.name]
     a = operands[0]
-    b = operands[1] if len(operands) > 1 else None
+    b = operands[1] if len(operands) > 1 else None  # no rule of a single operand reads b
     return [(operand, rule(node, a, b)) for operand, rule in zip(operands, rules, strict=True) if operand in varying]
 
 
@@ -182,7 +184,8 @@ def _forward_sweeps(results: Sequence[Expr], known: Known, directions: int) -> l
     for d in range(directions):
         rates: dict[Expr, Any] = {}  # derivatives along direction d
         for node, direction_bits in varying.items():
-            if not direction_bits >> d & 1:  # the expression does not vary along d
+            varies_along_d = (direction_bits >> d) & 1
+            if not varies_along_d:
                 continue
             if node in known:
                 rates[node] = known[node][d]

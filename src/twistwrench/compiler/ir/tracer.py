@@ -27,7 +27,8 @@ from .program import FUSED, Instruction, Program, TensorSpec
 def build(results: Sequence[Expr], inputs: tuple[TensorSpec, ...], outputs: tuple[TensorSpec, ...]) -> Program:
     """Program that computes ``results``."""
     nodes = _sort_nodes(results)
-    instructions, number_of_node = _emit(nodes, _fusions(nodes, results))
+    fused = _fusions(nodes, results)
+    instructions, number_of_node = _emit(nodes, fused)
     result_numbers = tuple(number_of_node[result.index] for result in results)
     return Program(tuple(instructions), result_numbers, inputs, outputs)
 
@@ -37,7 +38,12 @@ def _sort_nodes(results: Sequence[Expr]) -> list[Expr]:
     nodes = reachable(results)
     sines_and_cosines = [node for node in nodes if node.op in ("sin", "cos")]
     early_indices = {node.index for node in reachable(sines_and_cosines)}
-    return sorted(nodes, key=lambda node: (node.index not in early_indices, node.index))  # False comes before True
+
+    def place(node: Expr) -> tuple[bool, int]:
+        is_late = node.index not in early_indices
+        return is_late, node.index
+
+    return sorted(nodes, key=place)  # False comes before True
 
 
 def operands_of(node: Expr) -> tuple[Expr, ...]:
@@ -66,7 +72,7 @@ _OPERATION_OF_SIGNS = {signs: operation for operation, signs in FUSED.items()}
 
 
 def _fusions(nodes: Sequence[Expr], results: Sequence[Expr]) -> dict[int, tuple[str, Expr, Expr]]:
-    """Sums that absorb a product without other uses: index of the sum → (fused operation, product, other operand)."""
+    """Sums that absorb a product without other uses: (fused operation, product, other operand) by index of the sum."""
     use_counts: dict[int, int] = {}  # by index of the expression
     for node in nodes:
         for operand in operands_of(node):
@@ -97,7 +103,8 @@ def _emit(nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]) -> tu
             op, product, other = fused[node.index]
             operands: tuple[Expr | None, ...] = (product.a, product.b, other)
         else:
-            op, operands = node.op, (node.a, node.b)
+            op = node.op
+            operands = (node.a, node.b)
         operand_numbers = tuple(number_of_node[operand.index] for operand in operands if operand is not None)
         number_of_node[node.index] = len(instructions)
         instructions.append(Instruction(op, operand_numbers, node.value))

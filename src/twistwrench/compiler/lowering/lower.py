@@ -86,7 +86,7 @@ def assembly(program: Program, precision: Precision, machine: Machine, write_loo
             declarations(w),
             wrapper(precision, lanes),
             f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n',
-            write_loop(LOOP, program, precision, lanes, 0, 1),
+            write_loop(LOOP, program, precision, lanes, 0, 1),  # the block has no frame, and a call processes one block
         ]
     )
 
@@ -114,7 +114,8 @@ class Emitter:
     """State of one pass through instructions: the value of each, and the label of the current basic block."""
 
     def __init__(self, w: LlvmWriter, program: Program) -> None:
-        self.w, self.program = w, program
+        self.w = w
+        self.program = program
         self.values: dict[int, str] = {}
         """Name of each instruction's vector, by number of the instruction."""
         self.label = "entry"
@@ -167,7 +168,8 @@ class Emitter:
                 for k in entries.get(number, ()):
                     self.output(k, self.w.splat(value))
                 continue
-            if large and number % INSTRUCTIONS_PER_BLOCK == INSTRUCTIONS_PER_BLOCK - 1:
+            is_last_of_block = (number + 1) % INSTRUCTIONS_PER_BLOCK == 0
+            if large and is_last_of_block:
                 self.cut()
             if op in ("sin", "cos"):
                 sine, cosine = self.sincos(operand_numbers[0])

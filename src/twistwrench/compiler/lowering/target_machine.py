@@ -66,7 +66,8 @@ def _cached_facts() -> CompilerFacts:
     if processor is None:
         return _llvm_facts()
     key = object_cache.digest("compiler", *_llvmlite_description(), processor).hex()
-    cached_facts = _facts_from_entry(object_cache.load(key) or b"")
+    entry = object_cache.load(key) or b""  # no entry counts as one of another form
+    cached_facts = _facts_from_entry(entry)
     if cached_facts is not None:
         return cached_facts
     facts = _llvm_facts()
@@ -125,11 +126,16 @@ def _processor_description() -> str | None:
     has_feature: dict[str, bool] = getattr(_multiarray_umath, "__cpu_features__", {})
     try:
         with _CPUINFO.open("rb", buffering=0) as file:
-            text = (file.read(_REPORT_BYTES) or b"").decode("utf-8", "replace")
+            report = file.read(_REPORT_BYTES) or b""  # an unbuffered file may return None
     except OSError:
         return None
+    text = report.decode("utf-8", "replace")
     first_core, end_of_core, _ = text.partition("\n\n")
-    lines = [line for line in first_core.splitlines() if line.partition(":")[0].strip() not in _FIELDS_OF_ONE_CORE]
+    lines = []
+    for line in first_core.splitlines():
+        field, _, _ = line.partition(":")
+        if field.strip() not in _FIELDS_OF_ONE_CORE:
+            lines.append(line)
     names_features = any(line.startswith(("flags", "Features")) for line in lines)
     is_complete = end_of_core != "" and names_features
     if not has_feature or not is_complete:
@@ -240,8 +246,8 @@ def chosen() -> Machine:
 
     Raises ValueRangeError for an unknown name, or for a processor whose code the host cannot run.
     """
-    name = os.environ.get(VARIABLE, "").strip().lower() or "host"
-    if name == "host":
+    name = os.environ.get(VARIABLE, "").strip().lower()
+    if name in ("", "host"):
         return host()
     machines = choices()
     if name not in machines:
@@ -263,7 +269,7 @@ def _machine(triple: str, cpu: str, features: str, present: frozenset[str]) -> M
     if {"avx512f", "avx512dq"} <= present:
         use_all_bits = "-prefer-256-bit"  # LLVM would split vectors of 512 bits on some processors
         all_features = f"{features},{use_all_bits}" if features else use_all_bits
-        return Machine(triple, cpu, all_features, 512)
+        return Machine(triple, cpu, all_features, vector_bits=512)
     fused = not _is_x86(triple) or bool({"fma", "fma4"} & present)
     vector_bits = 256 if "avx" in present else 128
     return Machine(triple, cpu, features, vector_bits, fused)

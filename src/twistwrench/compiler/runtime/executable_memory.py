@@ -10,9 +10,11 @@ from typing import Any
 
 from ...core.typing import Array
 
-# Arguments of VirtualAlloc, VirtualFree and VirtualProtect of Windows: kinds of allocation, and kinds of protection.
-_RESERVE_AND_COMMIT, _RELEASE = 0x3000, 0x8000
-_READ_WRITE, _EXECUTE_READ = 0x04, 0x20
+# Arguments of VirtualAlloc, VirtualFree and VirtualProtect of Windows: kinds of allocation, then kinds of protection.
+_RESERVE_AND_COMMIT = 0x3000
+_RELEASE = 0x8000
+_READ_WRITE = 0x04
+_EXECUTE_READ = 0x20
 
 
 class UnsupportedObject(Exception):

@@ -123,7 +123,8 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
         reflected_end = 2 * u[:, -1:] - u[:, -2 : -pad - 2 : -1]
         u = np.concatenate([reflected_start, u, reflected_end], axis=1)
         forward = butterworth(u)
-        filtered = butterworth(forward[:, ::-1])[:, ::-1]
+        reversed_result = butterworth(forward[:, ::-1])
+        filtered = reversed_result[:, ::-1]
         result_columns[:, k : k + signals_per_block] = filtered[:, pad : pad + n].T
     return result
 
@@ -140,10 +141,11 @@ def low_pass_at(x: Array, cutoff: float, rate: float, at: Array) -> Array:
     if n < 6 * reach or are_many or cutoff >= _ALL_PASS * rate:
         return low_pass(x, cutoff, rate)[at]
     result = np.empty((len(at), *x.shape[1:]))
-    columns, result_columns = x.reshape(n, -1), result.reshape(len(at), -1)
+    columns = x.reshape(n, -1)
+    result_columns = result.reshape(len(at), -1)  # a view
     # results from ``begin`` to ``end`` are far from both ends
     begin, end = np.searchsorted(at, [reach, n - reach]).tolist()
-    if begin:
+    if begin > 0:
         result_columns[:begin] = low_pass(columns[: 2 * reach], cutoff, rate)[at[:begin]]
     if end < len(at):
         first_sample = n - 2 * reach
@@ -154,8 +156,9 @@ def low_pass_at(x: Array, cutoff: float, rate: float, at: Array) -> Array:
         first_sample = at[begin] - reach
         sample_count = at[stop - 1] + reach + 1 - first_sample
         T = np.zeros((stop - begin, sample_count))  # impulse response of each result in its row
-        for row, start in zip(T, at[begin:stop] - reach - first_sample, strict=True):
-            row[start : start + len(response)] = response
+        first_columns = at[begin:stop] - reach - first_sample
+        for row, first_column in zip(T, first_columns, strict=True):
+            row[first_column : first_column + len(response)] = response
         result_columns[begin:stop] = T @ columns[first_sample : first_sample + sample_count]
         begin = stop
     return result
@@ -179,9 +182,14 @@ def lagged(x: Array, steps: float, before: Array | None = None) -> Array:
     response = first_order(x.reshape(len(x), -1).T).T.reshape(x.shape)
     if before is None:
         return response
-    decay = a ** np.arange(1.0, len(x) + 1.0)
-    decay = decay.reshape(-1, *[1] * (x.ndim - 1))
+    decay = _along_first_axis(a ** np.arange(1.0, len(x) + 1.0), x.ndim)
     return np.asarray(response + decay * (before - x[0]))
+
+
+def _along_first_axis(values: Array, ndim: int) -> Array:
+    """Values (n,) with the shape (n, 1, …, 1) of ``ndim`` axes."""
+    shape = (-1,) + (1,) * (ndim - 1)
+    return values.reshape(shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +229,8 @@ class UniformSpline:
         bands[1, [0, -1]] = 6.0
         bands[0, 1] = 0.0
         bands[2, -2] = 0.0
-        inner = solve_banded((1, 1), bands, 6.0 * np.diff(y, 2, axis=0) / step**2, check_finite=False)
+        right_sides = 6.0 * np.diff(y, 2, axis=0) / step**2
+        inner = solve_banded((1, 1), bands, right_sides, check_finite=False)  # M_1 … M_{n-2}
         M_first = 2 * inner[:1] - inner[1:2]
         M_last = 2 * inner[-1:] - inner[-2:-1]
         return cls(float(time[0]), step, y, np.concatenate([M_first, inner, M_last]))
@@ -242,5 +251,5 @@ class UniformSpline:
         """Indices k (m,) of the samples before times (m,), and linear weights a and b of samples k and k + 1."""
         steps_from_start = (t - self.start) / self.step
         k = np.clip(steps_from_start.astype(int), 0, len(self.y) - 2)
-        b = (steps_from_start - k).reshape(-1, *[1] * (self.y.ndim - 1))
+        b = _along_first_axis(steps_from_start - k, self.y.ndim)
         return k, 1.0 - b, b

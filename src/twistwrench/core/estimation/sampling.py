@@ -119,6 +119,8 @@ _MAX_DEPARTURE_BESIDE = 0.5
 """Largest |e| of these steps relative to |e| of the gap; a single wrong row has two large |e| side by side."""
 _MAX_STEP_AT_REST = 1e-3
 """Largest step to a repeated row, in typical steps."""
+_MIN_SPEED_SQUARE = 1e-300
+"""Smallest squared speed, so that rest is not divided by zero."""
 _MAX_DISAGREEMENT = 0.35
 """Largest share of |e| that is not proportional to the speeds."""
 
@@ -132,35 +134,39 @@ def gaps(time: Array, q: Array) -> list[Gap]:
     neighbours_v = 0.25 * (v[:-4] + v[1:-3] + v[3:-1] + v[4:])  # mean speed of two steps before and two after
     e = (v[2:-2] - neighbours_v) * h[2:-2, None]
     typical_h = float(np.median(h))
-    least_step = np.where(v != 0, np.abs(v) * h[:, None], np.inf).min(axis=0)
+    nonzero_steps = np.where(v != 0, np.abs(v) * h[:, None], np.inf)
+    least_step = nonzero_steps.min(axis=0)
     typical_step = typical_h * np.sqrt(np.mean(v**2, axis=0))
     noise = MAD * np.median(np.abs(e), axis=0)
-    moving = typical_step > _MIN_SPEED_OF_MOVING * typical_step.max(initial=0.0)  # mask of joints
+    min_step_of_moving = _MIN_SPEED_OF_MOVING * typical_step.max(initial=0.0)
+    is_moving = typical_step > min_step_of_moving  # mask of joints
     bound = np.maximum(_MIN_STEPS_OFF_PATH * typical_step, _MIN_DEVIATIONS * noise)
     bound = np.maximum(bound, _MIN_LEAST_STEPS * least_step)
-    off_path = (np.abs(e) > bound) & moving
-    min_joints = np.clip(moving.sum(), 1, 2)  # two joints, or one if only one moves
+    off_path = (np.abs(e) > bound) & is_moving
+    min_joints = np.clip(is_moving.sum(), 1, 2)  # two joints, or one if only one moves
     candidates = off_path.sum(axis=1) >= min_joints
     # A pause in any of the five steps makes their speeds incomparable.
     is_pause = np.lib.stride_tricks.sliding_window_view(h > GAP * typical_h, 5)
     candidates &= ~is_pause.any(axis=1)
-    relative_e = e[:, moving] / typical_step[moving]
-    relative_v = neighbours_v[:, moving] / typical_step[moving]
-    relative_steps = np.diff(q, axis=0)[:, moving] / typical_step[moving]
+    relative_e = e[:, is_moving] / typical_step[is_moving]
+    relative_v = neighbours_v[:, is_moving] / typical_step[is_moving]
+    relative_steps = np.diff(q, axis=0)[:, is_moving] / typical_step[is_moving]
     norms = np.linalg.norm(relative_e, axis=1)
-    gaps = list[Gap]()
+    found = list[Gap]()
     for i in np.flatnonzero(candidates).tolist():  # row i of e belongs to step i + 2
         neighbourhood = norms[max(0, i - _ROWS_BESIDE) : i + _ROWS_BESIDE + 1]
         second_largest = np.partition(neighbourhood, -2)[-2]
         if second_largest > _MAX_DEPARTURE_BESIDE * norms[i]:
             continue
         speed_square = float(relative_v[i] @ relative_v[i])
-        delay = -float(relative_e[i] @ relative_v[i]) / max(speed_square, 1e-300)  # least squares of e = -delay v
+        speed_square = max(speed_square, _MIN_SPEED_SQUARE)
+        delay = -float(relative_e[i] @ relative_v[i]) / speed_square  # least squares of e = -delay v
         residual = float(np.linalg.norm(relative_e[i] + delay * relative_v[i]))
         is_proportional = residual < _MAX_DISAGREEMENT * norms[i]
         held = _held_row_count(i + 2, relative_steps)
-        gaps.append(Gap(float(time[i + 2]), delay if is_proportional else np.nan, held))
-    return gaps
+        late = delay if is_proportional else np.nan
+        found.append(Gap(float(time[i + 2]), late, held))
+    return found
 
 
 def _held_row_count(step: int, steps: Array) -> int:
@@ -172,7 +178,8 @@ def _held_row_count(step: int, steps: Array) -> int:
     while held_count < step and np.abs(steps[step - held_count - 1]).max() <= _MAX_STEP_AT_REST:
         held_count += 1
     first = step - held_count  # first step at rest
-    neighbours = [steps[k] for k in (first - 2, first - 1, step + 1, step + 2) if 0 <= k < len(steps)]
+    neighbour_indices = (first - 2, first - 1, step + 1, step + 2)
+    neighbours = [steps[k] for k in neighbour_indices if 0 <= k < len(steps)]
     expected = (held_count + 1) * np.mean(neighbours, axis=0)  # motion of the step itself and of the held rows
     difference = steps[step] - expected
     if np.linalg.norm(difference) < _MAX_DISAGREEMENT * np.linalg.norm(steps[step]):
@@ -184,7 +191,7 @@ def held_rows(time: Array, gaps: Sequence[Gap]) -> Array:
     """Mask (n,) of the rows at times (n,) that repeat an earlier row, by the gaps of :func:`gaps`."""
     mask = np.zeros(len(time), bool)
     for gap in gaps:
-        row = int(np.searchsorted(time, gap.time))
+        row = int(np.searchsorted(time, gap.time))  # at which the step begins: the last held row
         mask[row - gap.held + 1 : row + 1] = True
     return mask
 
@@ -200,17 +207,23 @@ class LatePositions(NamedTuple):
     """Largest share: larger than the smallest if a change was not seen, as at rest, so that its time is unknown."""
 
 
+_MAX_SIZE_RATIO = 2.0
+"""Largest ratio of a delay to the typical delay, or of the typical delay to it, of similar sizes."""
+
+
 def late_by_turns(gaps: Sequence[Gap], begin: float, end: float) -> LatePositions | None:
     """Delay of positions that alternate between late and on time from ``begin`` to ``end`` [s].
 
     None unless the delays at the gaps have both signs and mostly similar sizes.
     """
     delays = np.array([gap.late for gap in gaps])
-    if not ((delays > 0).any() and (delays < 0).any()):
+    has_both_signs = (delays > 0).any() and (delays < 0).any()
+    if not has_both_signs:
         return None
     sizes = np.abs(delays)
     typical_size = float(np.median(sizes[np.isfinite(delays)]))
-    is_similar = (sizes > 0.5 * typical_size) & (sizes < 2.0 * typical_size)
+    # the size of a gap without a delay is nan, which is not similar
+    is_similar = (sizes > typical_size / _MAX_SIZE_RATIO) & (sizes < _MAX_SIZE_RATIO * typical_size)
     if not is_similar.mean() > _MIN_REGULAR_SHARE:
         return None
     is_change = np.isfinite(delays)
@@ -230,10 +243,12 @@ def spikes(x: Array) -> Array:
     steps = np.diff(x, axis=0)
     step_deviation = np.full(x.shape[1], np.inf)
     for k, column in enumerate(steps.T):
-        if (column != 0).any():
-            step_deviation[k] = MAD * float(np.median(np.abs(column[column != 0])))
+        nonzero_steps = column[column != 0]
+        if len(nonzero_steps):
+            step_deviation[k] = MAD * float(np.median(np.abs(nonzero_steps)))
     bound = np.maximum(_MIN_DEVIATIONS * step_deviation, x.std(axis=0))
-    above_previous, above_next = steps[:-1], -steps[1:]  # height above either neighbour, with sign
+    above_previous = steps[:-1]  # height above the previous value, with sign
+    above_next = -steps[1:]
     height = np.minimum(np.abs(above_previous), np.abs(above_next))
     is_spike = (height > bound) & (above_previous * above_next > 0)  # the same sign on both sides
     return np.pad(is_spike, ((1, 1), (0, 0)))
@@ -259,8 +274,12 @@ def dropouts(time: Array, tau: Array, q: Array) -> Array:
     is_unpowered = (np.diff(tau, axis=0, append=np.inf) == 0).all(axis=1)
     for k, torques in enumerate(tau.T):
         changes = np.flatnonzero(np.diff(torques)) + 1
-        edges = [0, *changes.tolist(), len(torques)]
-        constant_runs = [slice(a, b) for a, b in pairwise(edges) if time[b - 1] - time[a] >= _MIN_DROPOUT]
+        run_bounds = [0, *changes.tolist(), len(torques)]
+        constant_runs = []
+        for begin, end in pairwise(run_bounds):
+            duration = time[end - 1] - time[begin]
+            if duration >= _MIN_DROPOUT:
+                constant_runs.append(slice(begin, end))
         other_row_count = len(torques) - sum(run.stop - run.start for run in constant_runs)
         other_change_count = len(changes) - len(constant_runs)
         if other_change_count < _MIN_SHARE_OF_CHANGES * max(other_row_count, 1):
@@ -270,7 +289,8 @@ def dropouts(time: Array, tau: Array, q: Array) -> Array:
         for run in constant_runs:
             is_powered = float(is_unpowered[run].mean()) < _MAX_SHARE_UNPOWERED
             moves_meanwhile = np.ptp(q[run, k]) > min_motion
-            mask[run, k] = is_powered and moves_meanwhile and float(torques[run.start]) not in saturated
+            is_saturated = float(torques[run.start]) in saturated
+            mask[run, k] = is_powered and moves_meanwhile and not is_saturated
     return mask
 
 
@@ -284,9 +304,11 @@ _MIN_RATIO_TO_NEXT = 3.0
 
 def cut_off(x: Array) -> tuple[float, float] | None:
     """Saturation level of values (n,), and the share of rows at it; None without saturation."""
-    largest, smallest = x.max(), x.min()
+    largest = x.max()
+    smallest = x.min()
     next_to_largest = x[x < largest].max(initial=-np.inf)
     next_to_smallest = x[x > smallest].min(initial=np.inf)
+    # each extreme with the next value
     for extreme, next_value in ((largest, next_to_largest), (smallest, next_to_smallest)):
         count = int((x == extreme).sum())
         next_count = int((x == next_value).sum())  # 0 if all values are equal

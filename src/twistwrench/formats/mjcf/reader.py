@@ -65,10 +65,12 @@ class _Reader:
     def __init__(
         self, root: Element, source: str, folders: Folders, floating_base: bool | None, keep: str | None
     ) -> None:
-        self.root, self.floating_base = root, floating_base
+        self.root = root
+        self.floating_base = floating_base
         self.settings = Settings.from_root(root)
         self.defaults = Defaults(root)
-        self.builder = ModelBuilder(root.attributes.get("model", "").strip() or "robot", source)
+        name = root.attributes.get("model", "").strip() or "robot"
+        self.builder = ModelBuilder(name, source)
         self.builder.gravity = gravity_of(root)
         self.bodies = survey(root, self.settings, self.defaults)
         self.meshes = Meshes(root, self.settings, self.defaults, folders)
@@ -93,7 +95,9 @@ class _Reader:
         """The builder, and True if its root floats."""
         builder, root = self.builder, self.root
         free_joints = {joint.name for joint in self.joint_by_name.values() if joint.kind == "floating"}
-        kept_joints = {joint.name for k in self.kept_bodies for joint in self.joints[k]}
+        kept_joints: set[str] = set()
+        for k in self.kept_bodies:
+            kept_joints |= {joint.name for joint in self.joints[k]}
         if self.floating_base is False:
             kept_joints -= free_joints
         constraints = [] if "equality" in self.disabled else constraints_of(root, self.defaults)
@@ -118,7 +122,8 @@ class _Reader:
             if element.tag == "flex":
                 builder.note(element, LEFT_OUT["deformable/flex"])
         builder.remark(*unread("MJCF", root))
-        base_floats = bool(self.floating_base) and not kept_joints & free_joints
+        has_free_joint = bool(kept_joints & free_joints)
+        base_floats = bool(self.floating_base) and not has_free_joint
         return builder, base_floats
 
     def _add_body(self, k: int, inertia: SpatialInertia) -> None:
@@ -149,13 +154,14 @@ class _Reader:
         if joints and joints[0].kind == "floating":
             T = IDENTITY
         for joint in joints:
-            T_before, T_after = IDENTITY, IDENTITY  # constant poses before and after the joint
+            T_before = IDENTITY  # constant pose before the joint
+            T_after = IDENTITY  # constant pose after the joint
             ends_at_body = joint is joints[-1]
             if joint.kind == "ball" and joint.point.any():  # turns about a point beside the origin of the body's frame
                 T_before = se3.pose(np.eye(3), joint.point)
                 T_after = se3.pose(np.eye(3), -joint.point)
                 ends_at_body = False
-            elif joint.single and joint.reference:
+            elif joint.single and joint.reference != 0.0:
                 T_before = np.asarray(screw_motion(joint.screw, -joint.reference), float)
             child = body.name
             if not ends_at_body:
@@ -170,13 +176,16 @@ class _Reader:
 
     def _add_joint(self, joint: MjcfJoint, parent: str, child: str, T: Array) -> None:
         """Add a joint with its drives and its spring; T (4, 4) is its placement in the parent."""
-        name, where, drives = joint.name, joint.element.place, self.drives
+        name = joint.name
+        where = joint.element.place
+        drives = self.drives
         for text in joint.remarks:
             self.builder.note(joint.who, text)
         axis: ArrayLike = (0.0, 0.0, 1.0)
         if joint.single:
             axis = joint.screw
-        damping, friction = 0.0, 0.0
+        damping = 0.0
+        friction = 0.0
         if "damper" not in self.disabled:
             damping = joint.damping + drives.damping[name]
         if "frictionloss" not in self.disabled:

@@ -21,12 +21,15 @@ from ...core.entities import refuse_entities
 from .expressions import Refused, evaluate
 
 _PACKAGE_FILES = ("package.xml", "manifest.xml")
+"""Files that make a folder a package of ROS, and name it."""
 _HARMLESS_EVENTS = (
     "builtins.id", "compile", "glob.glob", "glob.glob/2", "os.fwalk", "os.walk", "sys._getframe", "sys._getframemodulename",
 )  # fmt: skip
 """Audit events without an effect outside the process; ``compile`` alone runs nothing."""
 _FOLDER_EVENTS = ("os.listdir", "os.scandir")
+"""Audit events of listing a folder."""
 _WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+"""Flags of files that are opened for writing, as bits."""
 _REMOVED_FUNCTIONS = ("type", "vars")
 """Functions of xacro that expose attributes of Python objects."""
 
@@ -84,6 +87,12 @@ _MAX_REASON_LENGTH = 300
 """Largest number of characters of a reason."""
 
 
+_MAX_SHOWN_PATH = 200
+"""Largest number of characters of a path in a message."""
+_MAX_SHOWN_NAME = 40
+"""Largest number of characters of a name in a message."""
+
+
 def reason_of(problem: BaseException) -> str:
     """Text of an error in one line: the cause, and the places in which it occurred, each once."""
     chain: list[Any] = [problem]  # the error, its cause, the cause of its cause, …
@@ -96,9 +105,8 @@ def reason_of(problem: BaseException) -> str:
         return "it needs more memory than is allowed"
     parts = []
     for error in chain[:-1]:
-        message = ""
-        if error.args and error.args[0]:
-            message = str(error.args[0])
+        first_argument = error.args[0] if error.args else None
+        message = str(first_argument) if first_argument else ""
         if message and not message.startswith("<class"):  # a message with a class repeats the cause
             parts.append(message)
     parts.append(_text_of_cause(cause))
@@ -188,14 +196,15 @@ class Bounds:
 
     def _check_file(self, name: Any, mode: str | None, flags: int) -> None:
         opens_path = isinstance(name, str | os.PathLike)  # otherwise a file descriptor
-        writes = flags & _WRITE_FLAGS or set(mode or "r") & set("wxa+")  # events of os.open have flags but no mode
-        if writes or not opens_path:
+        has_write_flag = bool(flags & _WRITE_FLAGS)
+        has_write_mode = mode is not None and not set("wxa+").isdisjoint(mode)  # os.open has flags but no mode
+        if has_write_flag or has_write_mode or not opens_path:
             raise Refused("a robot file may not write files")
         path = Path(name)
         if self.searches_package and path.name in _PACKAGE_FILES:
             return
         if not self.allows(path):
-            raise Refused(f"it reads {str(path)[:200]!r}, which lies outside its folder and its package")
+            raise Refused(f"it reads {str(path)[:_MAX_SHOWN_PATH]!r}, which lies outside its folder and its package")
         if path.exists():
             self.read_bytes += path.stat().st_size
         if self.read_bytes > self.max_bytes:
@@ -203,7 +212,7 @@ class Bounds:
 
     def _check_folder(self, name: Any) -> None:
         if not self.searches_package and not self.allows(Path(name)):
-            raise Refused(f"it lists {str(name)[:200]!r}, which lies outside its folder and its package")
+            raise Refused(f"it lists {str(name)[:_MAX_SHOWN_PATH]!r}, which lies outside its folder and its package")
 
 
 class PackageFinder:
@@ -218,7 +227,9 @@ class PackageFinder:
     def __call__(self, name: str) -> str:
         """Folder of the package ``name``; raises Refused for one outside the folders that are searched."""
         with self.bounds.allow_package_files():
-            folder = self._find_around_file(name) or Path(self.find_elsewhere(name))
+            folder = self._find_around_file(name)
+            if folder is None:
+                folder = Path(self.find_elsewhere(name))
         if not self.bounds.allows(folder):
             raise Refused(f"the package {name!r} lies outside the folders that are searched")
         return str(folder)
@@ -260,7 +271,9 @@ def guarded_parse(source: str | None, filename: str | None = None) -> Any:
         except OSError as problem:
             xacro.filestack.pop()  # as xacro does, so that the message names the including file
             raise xacro.XacroException(f"{problem.strerror}: {filename}", exc=problem) from None
-    refuse_entities(data, lambda name: Refused(f"it declares the entity {name[:40]!r}, which can exhaust memory"))
+    refuse_entities(
+        data, lambda name: Refused(f"it declares the entity {name[:_MAX_SHOWN_NAME]!r}, which can exhaust memory")
+    )
     return xml.dom.minidom.parseString(data)
 
 
@@ -272,7 +285,8 @@ def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arg
     """Replace the functions of xacro that evaluate expressions, read the environment, and find packages."""
     symbols = xacro._global_symbols
     _evaluated_texts.clear()
-    namespaces = [symbols, *(value for value in symbols.values() if isinstance(value, dict))]
+    inner_namespaces = [value for value in symbols.values() if isinstance(value, dict)]
+    namespaces = [symbols, *inner_namespaces]
     allowed_functions: set[int] = set()  # by identity
     for namespace in namespaces:  # with the methods of dict itself, since xacro's subclasses replace them
         for name in _REMOVED_FUNCTIONS:
@@ -285,7 +299,8 @@ def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arg
 
     def environment(name: str, *_: Any) -> str:
         raise Refused(
-            f"it reads the environment variable {str(name)[:40]!r}; declare an argument, <xacro:arg>, and give its value"
+            f"it reads the environment variable {str(name)[:_MAX_SHOWN_NAME]!r}; declare an argument, <xacro:arg>, and give "
+            "its value"
         )
 
     def argument(name: str) -> Any:
@@ -325,5 +340,7 @@ def check_evaluation(xacro: Any) -> None:
         ("$(eval 1 + 2)", "1 + 2", "3"),
     )
     for text, expression, expected_value in examples:
-        if xacro.eval_text(text, table) != expected_value or _evaluated_texts[-1:] != [expression]:
+        has_expected_value = xacro.eval_text(text, table) == expected_value
+        used_our_function = _evaluated_texts[-1:] == [expression]
+        if not has_expected_value or not used_our_function:
             raise Refused("this version of xacro is not supported: it evaluates expressions in another way")

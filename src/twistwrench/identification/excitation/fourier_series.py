@@ -21,7 +21,8 @@ from numpy.polynomial import polynomial
 
 from ...core.typing import Array
 
-_ORDER = 5  # order of the polynomials, which meet six conditions: three at each end
+_ORDER = 5
+"""Order of the polynomials, which meet six conditions: three at each end."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,14 @@ class WindowedFourierSeries:
     @cached_property
     def _end_polynomials(self) -> Array:
         """(6, 2 N) coefficients of p_k, then of r_k, as polynomials in x = t / T."""
-        w, n = self._rates, self.harmonics
+        w = self._rates
+        n = self.harmonics
         powers = np.eye(_ORDER + 1)
         derivatives = [powers, polynomial.polyder(powers, 1), polynomial.polyder(powers, 2)]
         # rows: value, rate and acceleration at x = 0, then value, rate and acceleration at x = 1
-        conditions = np.array([polynomial.polyval(x, d) for x in (0.0, 1.0) for d in derivatives])
+        conditions_at_start = [polynomial.polyval(0.0, derivative) for derivative in derivatives]
+        conditions_at_end = [polynomial.polyval(1.0, derivative) for derivative in derivatives]
+        conditions = np.array(conditions_at_start + conditions_at_end)
         end_values = np.zeros((6, 2 * n))
         end_values[[1, 4], :n] = w  # rates of sines
         end_values[[0, 3], n:] = 1.0  # values of cosines
@@ -60,13 +64,19 @@ class WindowedFourierSeries:
         t = np.asarray(t, float)
         x = np.clip(t / self.duration, 0.0, 1.0)
         w = self._rates
-        sin, cos = np.sin(np.outer(x, w)), np.cos(np.outer(x, w))
+        angles = np.outer(x, w)
+        sin, cos = np.sin(angles), np.cos(angles)
         basis = np.zeros((3, len(x), self.count))
         basis[0, :, 0] = 1.0
-        wave_derivatives = ((sin, cos), (cos * w, -sin * w), (-sin * w**2, -cos * w**2))
+        wave_derivatives = (  # of sines and of cosines by x
+            (sin, cos),
+            (cos * w, -sin * w),
+            (-sin * w**2, -cos * w**2),
+        )
         polynomials = self._end_polynomials
         for order, (of_sine, of_cosine) in enumerate(wave_derivatives):
-            basis[order, :, 1:] = np.concatenate([of_sine, of_cosine], axis=1) - polynomial.polyval(x, polynomials).T
+            waves = np.concatenate([of_sine, of_cosine], axis=1)
+            basis[order, :, 1:] = waves - polynomial.polyval(x, polynomials).T
             basis[order] /= self.duration**order  # derivatives by t instead of x
             polynomials = polynomial.polyder(polynomials)
         is_at_rest = (t <= 0.0) | (t >= self.duration)

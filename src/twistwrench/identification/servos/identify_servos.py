@@ -28,7 +28,7 @@ from .servo_doubts import command_doubts, fit_doubts, moving_joints
 
 Log = Motion | str | Path
 _TRAINING_SHARE = 0.8
-"""Share of each log that predicts its rest, if there is no test log."""
+"""Share of each log, from its begin, that predicts the rest of the log if there is no test log."""
 _MAX_SECONDS = 120.0
 """Largest total duration [s] of logs that are replayed; the begin of each longer one is used."""
 _MAX_SCALE = 3.0
@@ -37,6 +37,8 @@ _MIN_BODY_TORQUE = 1e-12
 """Torque of bodies that replaces zero as a divisor [N m, N]."""
 _PRIOR_ODDS_OF_HELD = 10.0
 """Odds of held to straight commands before a log is evaluated: a bus holds them."""
+_MAX_LISTED_JOINTS = 6
+"""Largest number of joints that a message names."""
 _MIN_ROWS = 12
 """Least number of rows of a log."""
 
@@ -95,8 +97,9 @@ def identify_servos(
     <IdentifiedServos of planar_2r: OK, 2 of 2 joints>
     """
     arm = _require_servo_arm(robot if isinstance(robot, Robot) else load(robot))
-    if hold not in ("zero", "linear", "auto"):
-        raise UnknownNameError.from_choices("hold", hold, ("zero", "linear", "auto"))
+    holds = ("zero", "linear", "auto")
+    if hold not in holds:
+        raise UnknownNameError.from_choices("hold", hold, holds)
     training_logs = servo_logs(arm, logs, "logs")
     test_logs = servo_logs(arm, test, "test")
     if not training_logs:
@@ -108,20 +111,23 @@ def identify_servos(
         fit, problem, change_by_hold = _fit_with_hold(arm, training_logs, hold, known_logarithms, report_progress)
         changes = [change_by_hold, *_model_changes(arm, problem, fit)]
         widened_fit = with_model_changes(fit, changes)  # errors of the model widen the intervals
-        report_progress(0.8)
-        held_out_squares, kind = _held_out(problem, fit, test_logs)
+        report_progress(0.8)  # share of the usual time
+        (residual_squares, error_squares), kind = _held_out(problem, fit, test_logs)
     report_progress(1.0)
-    training_squares = _sums_of_squares(fit.replay.logs, problem.used, fit)
+    held_out = _shares(arm, kind, residual_squares, error_squares)
+    residual_squares, error_squares = _sums_of_squares(fit.replay.logs, problem.used, fit)
+    trained = _shares(arm, "used rows", residual_squares, error_squares)
     found = IdentifiedServos(
         original=arm,
         fit=widened_fit,
-        held_out=_shares(arm, kind, *held_out_squares),
-        trained=_shares(arm, "used rows", *training_squares),
+        held_out=held_out,
+        trained=trained,
         sizes=_typical_sizes(training_logs),
         live=moving_joints(training_logs),
         known=known_values,
     )
-    return replace(found, doubts=(*command_doubts(arm, training_logs), *fit_doubts(found, training_logs)))
+    doubts = [*command_doubts(arm, training_logs), *fit_doubts(found, training_logs)]
+    return replace(found, doubts=tuple(doubts))
 
 
 def _require_servo_arm(robot: Robot) -> Robot:
@@ -158,11 +164,13 @@ def servo_logs(robot: Robot, sources: Log | Sequence[Log], argument_name: str) -
                 "Motion(…, command=…)."
             )
         # a joint without commands has nan in all rows
-        without_commands = np.flatnonzero(np.isnan(motion.command[0]))
+        first_command = motion.command[0]
+        without_commands = np.flatnonzero(np.isnan(first_command))
         joints = [robot.model.velocity_names[j] for j in without_commands]
         if joints:
             raise ShapeError(
-                f"identify_servos: {name} has no commands of {listed(joints, 6)}. Lock these joints, or give their commands."
+                f"identify_servos: {name} has no commands of {listed(joints, _MAX_LISTED_JOINTS)}. Lock these joints, or "
+                "give their commands."
             )
         if len(motion) < _MIN_ROWS:
             raise ValueRangeError(f"identify_servos: {name} has {len(motion)} rows. Give at least {_MIN_ROWS}.")
@@ -181,8 +189,9 @@ def _first_rows(logs: Sequence[ServoLog]) -> list[ServoLog]:
     remaining_seconds = _MAX_SECONDS
     shortest_first = sorted(range(len(logs)), key=lambda k: float(logs[k].time[-1]))
     end_times = dict[int, float]()  # by index of the log
-    for done_logs, k in enumerate(shortest_first):
-        end_times[k] = min(float(logs[k].time[-1]), remaining_seconds / (len(logs) - done_logs))
+    for visited_count, k in enumerate(shortest_first):
+        equal_share = remaining_seconds / (len(logs) - visited_count)
+        end_times[k] = min(float(logs[k].time[-1]), equal_share)
         remaining_seconds -= end_times[k]
     shortened = list[ServoLog]()
     for k, log in enumerate(logs):
@@ -219,11 +228,12 @@ def _fit_with_hold(
     first_hold: Hold = "linear" if hold == "linear" else "zero"
     initial, _ = linear_start(robot, logs, first_hold)
     free = np.ones(len(initial), bool)
-    count = len(QUANTITIES)  # number of unknowns of a joint; the last one is kp
+    per_joint = len(QUANTITIES)  # number of unknowns of a joint, in the order of joints; the last one is kp
     for k, logarithm in known_logarithms.items():
-        is_kp = k % count == count - 1
+        is_kp = (k + 1) % per_joint == 0
         if is_kp:  # keep the ratios of the joint's other values to kp, which are better determined than the values
-            initial[k + 1 - count : k + 1] += logarithm - initial[k]
+            first_of_joint = k + 1 - per_joint
+            initial[first_of_joint : k + 1] += logarithm - initial[k]
         initial[k] = logarithm
         free[k] = False
     report_progress(0.1)  # shares of the usual time
@@ -235,7 +245,7 @@ def _fit_with_hold(
         return fit, problem, np.zeros(len(initial))
     linear_problem = replace(problem, replay=replace(replay, hold="linear"))
     linear_initial = fit.p.copy()
-    linear_initial[-1] += 0.5 * logs[0].period  # held commands are half a period late on average
+    linear_initial[-1] += 0.5 * logs[0].period  # the delay: held commands are half a period late on average
     linear_fit = linear_problem.solve(linear_initial, hopeless=2.0 * fit.cost)
     report_progress(0.7)
     log_odds_of_linear = fit.evidence(fit.cost, linear_fit.cost) - np.log(_PRIOR_ODDS_OF_HELD)
@@ -262,10 +272,12 @@ def _model_changes(robot: Robot, problem: OutputErrorProblem, fit: OutputErrorFi
     excess_squares = np.maximum(residual_squares - row_count * fit.sigma**2, 0.0)
     values = np.exp(fit.p[:-1].reshape(-1, len(QUANTITIES)))
     kp = values[:, -1]
-    unexplained_torques = kp * np.sqrt(excess_squares / row_count / (fit.freedom + 1.0))
+    mean_excess_squares = excess_squares / row_count
+    unexplained_torques = kp * np.sqrt(mean_excess_squares / (fit.freedom + 1.0))
     body_torques = scale_determining_torques(robot, fit.replay.logs)
     scale_errors = unexplained_torques / np.maximum(body_torques, _MIN_BODY_TORQUE)
-    return [*changes, *problem.scale_changes(fit, J, np.minimum(scale_errors, _MAX_SCALE))]
+    bounded_errors = np.minimum(scale_errors, _MAX_SCALE)
+    return [*changes, *problem.scale_changes(fit, J, bounded_errors)]
 
 
 def _held_out(
@@ -279,16 +291,18 @@ def _held_out(
         replay = replace(fit.replay, logs=test_logs)
         test_problem = OutputErrorProblem.from_logs(replay, fit.p, problem.free)
         test_problem = replace(test_problem, sigma=position_errors(test_logs))
-        residuals = test_problem.residuals_at(fit.p)
-        return _sums_of_squares(test_logs, test_problem.used, replace(fit, residuals=residuals)), "test"
-    training_rows, held_out_rows = list[Array](), list[Array]()
+        test_fit = replace(fit, residuals=test_problem.residuals_at(fit.p))
+        return _sums_of_squares(test_logs, test_problem.used, test_fit), "test"
+    training_rows = list[Array]()
+    held_out_rows = list[Array]()
     for log, rows in zip(fit.replay.logs, problem.used, strict=True):
         is_training = log.time[rows] <= _TRAINING_SHARE * log.time[-1]
         training_rows.append(rows[is_training])
         held_out_rows.append(rows[~is_training])
-    p = replace(problem, used=training_rows).solve(fit.p).p
-    residuals = replace(problem, used=held_out_rows).residuals_at(p)
-    return _sums_of_squares(fit.replay.logs, held_out_rows, replace(fit, residuals=residuals)), "last fifth"
+    training_fit = replace(problem, used=training_rows).solve(fit.p)
+    residuals = replace(problem, used=held_out_rows).residuals_at(training_fit.p)
+    held_out_fit = replace(fit, residuals=residuals)
+    return _sums_of_squares(fit.replay.logs, held_out_rows, held_out_fit), "last fifth"
 
 
 def _sums_of_squares(logs: Sequence[ServoLog], used: Sequence[Array], fit: OutputErrorFit) -> tuple[Array, Array]:
@@ -310,13 +324,16 @@ def _shares(robot: Robot, kind: str, residual_squares: Array, error_squares: Arr
 
 def _typical_sizes(logs: Sequence[ServoLog]) -> Array:
     """(nv, 3) factors of armature, damping and Coulomb friction: rms acceleration and speed of the commands, and 1."""
-    speeds_of_logs, accelerations_of_logs = list[Array](), list[Array]()
+    speeds_of_logs = list[Array]()
+    accelerations_of_logs = list[Array]()
     for log in logs:
         speeds = np.gradient(log.command, log.time, axis=0)
         speeds_of_logs.append(speeds)
         accelerations_of_logs.append(np.gradient(speeds, log.time, axis=0))
-    ddq, dq = np.concatenate(accelerations_of_logs), np.concatenate(speeds_of_logs)
-    rms_acceleration, rms_speed = (np.sqrt((x**2).mean(axis=0)) for x in (ddq, dq))
+    ddq = np.concatenate(accelerations_of_logs)
+    dq = np.concatenate(speeds_of_logs)
+    rms_acceleration = np.sqrt((ddq**2).mean(axis=0))
+    rms_speed = np.sqrt((dq**2).mean(axis=0))
     return np.stack([rms_acceleration, rms_speed, np.ones(len(rms_speed))], axis=1)
 
 
@@ -362,7 +379,7 @@ def simulated_servo_log(
     nv = arm.nv
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds * rate)) / rate
-    hertz = np.array([0.1, 0.23, 0.47, 0.9, 1.3, 2.1, 3.1, 4.2])
+    hertz = np.array([0.1, 0.23, 0.47, 0.9, 1.3, 2.1, 3.1, 4.2])  # frequencies of the sines
     amplitudes = size * rng.uniform(-1.0, 1.0, (len(hertz), nv)) / (1.0 + hertz[:, None])
     phases = rng.uniform(0.0, 2.0 * np.pi, amplitudes.shape)
     sines = np.sin(2.0 * np.pi * hertz[:, None] * time[:, None, None] + phases)  # (rows, len(hertz), nv)
@@ -371,9 +388,10 @@ def simulated_servo_log(
     p = np.append(np.log(np.stack(values, axis=1)).ravel(), delay)  # unknowns as ServoReplay orders them
     log = ServoLog(time, c, c, np.zeros(nv))  # the commands stand in for positions, which a replay does not need
     replay = ServoReplay(arm, [log], "zero", 0.5 * ServoReplay.step_of(p))
-    (q,) = replay.positions(p[None])
+    (positions_of_log,) = replay.positions(p[None])
     quantum = 2.0 * np.pi / 2.0**bits  # of the encoders [rad]
-    return Motion(time, np.round(q[0] / quantum) * quantum, robot=arm, in_seconds=True, command=c)
+    q = np.round(positions_of_log[0] / quantum) * quantum  # of the only vector of unknowns
+    return Motion(time, q, robot=arm, in_seconds=True, command=c)
 
 
 complete(globals())

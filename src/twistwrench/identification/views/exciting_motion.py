@@ -53,15 +53,20 @@ def excitation_view(found: ExcitingMotion) -> Iterator[Block]:
 
 def _verdict_blocks(found: ExcitingMotion) -> Iterator[Block]:
     """Verdict with its reasons, one per line, and the least distances."""
-    obstacle_texts = {"itself": "of capsules around links from each other", "floor": "from the floor"}
-    distances = [
-        f"{number(1000.0 * distance)} mm {obstacle_texts[name]}" for name, distance in found.clearances.items()
-    ]
+    obstacle_texts = {
+        "itself": "of capsules around links from each other",
+        "floor": "from the floor",
+    }
+    distances = []
+    for name, distance in found.clearances.items():
+        millimetres = 1000.0 * distance
+        distances.append(f"{number(millimetres)} mm {obstacle_texts[name]}")
     summary = f"least distances: {', '.join(distances)}" if distances else "nothing can touch"
-    headline, *other_reasons = found.verdict.reasons or (summary,)
+    headline, *other_reasons = found.verdict.reasons or (summary,)  # without reasons, the headline has the distances
     yield Headline(found.verdict.word, f"{headline}.")
     for k, reason in enumerate(other_reasons):
-        yield Line(f"  - {reason}.", level=Level.SHORT if k < _MAX_REASONS else Level.ALL)
+        level = Level.SHORT if k < _MAX_REASONS else Level.ALL
+        yield Line(f"  - {reason}.", level=level)
     if len(other_reasons) > _MAX_REASONS:
         yield More(f"{len(other_reasons) - _MAX_REASONS} more reasons")
     if found.verdict.reasons and distances:
@@ -79,7 +84,9 @@ def _shares(peaks: Array, limits: Array) -> list[float | None]:
 
 def _joint_table(found: ExcitingMotion) -> Table:
     """Range, peaks and shares of the limits of each joint; the short form has the joints nearest to their limits."""
-    robot, peaks, degrees = found.robot, found.peaks, found.degrees
+    robot = found.robot
+    peaks = found.peaks
+    degrees = found.degrees
     is_angular = Coordinates.from_model(robot.model).angular_velocity
     factor = np.where(is_angular & degrees, math.degrees(1.0), 1.0)
     position_unit = heading_unit("q", is_angular, degrees=degrees)
@@ -113,15 +120,15 @@ def _information_lines(found: ExcitingMotion) -> Iterator[Line]:
     has_value = values > _ROUNDING * found.information.prior
     divisors = np.where(has_value, values, 1.0)
     shares = np.where(has_value, found.predicted_deviations / divisors, 0.0)
-    count = int(has_value.sum())
-    if not count:
+    nonzero_count = int(has_value.sum())
+    if not nonzero_count:
         return
     worst = int(shares.argmax())
     accuracy = "not at all" if shares[worst] > 1.0 else f"to {percent(shares[worst], 2)}"
-    zeros_text = f"; {len(values) - count} groups are 0 there" if count < len(values) else ""
+    zeros_text = f"; {len(values) - nonzero_count} groups are 0 there" if nonzero_count < len(values) else ""
     good_count = int((shares[has_value] < _MAX_GOOD_DEVIATION).sum())
     yield Line(
-        f"A log of it determines {good_count} of {count} groups to better than 10 % of the file's value"
+        f"A log of it determines {good_count} of {nonzero_count} groups to better than 10 % of the file's value"
         f"{zeros_text}. Worst: {found.groups[worst]} ({accuracy})."
     )
     if shares[worst] > _MAX_GOOD_DEVIATION:

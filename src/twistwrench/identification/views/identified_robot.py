@@ -37,9 +37,11 @@ _MAX_ROWS = 12
 _MAX_LINES = 45
 """Number of lines of the short form."""
 _OTHER_LINES = 17
-"""Lines of the short form that are neither remarks nor rows of tables."""
+"""Lines of the short form that are neither remarks nor rows of tables, such as headings."""
 _MIN_ROWS = 4
 """Rows of a table that the short form has in any case."""
+_TABLES = 2
+"""Number of tables of the short form: bodies and joints."""
 _LINE_WIDTH = 74
 """Characters of a printed line."""
 _LAW_TITLES = {"coulomb": "Coulomb", "viscous": "viscous", "stribeck": "static excess"}
@@ -61,7 +63,8 @@ def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
     remarks = _remarks(found)
     yield from remarks
     if len(remarks) > _MAX_REMARKS:
-        yield More(f"{len(remarks) - _MAX_REMARKS} more doubts and notes")
+        hidden_count = len(remarks) - _MAX_REMARKS
+        yield More(f"{hidden_count} more doubts and notes")
     if found.payload is not None:
         yield from _payload_lines(found.payload)
     max_rows = _rows_that_fit(remarks[:_MAX_REMARKS])
@@ -130,11 +133,11 @@ def _open_groups(found: IdentifiedRobot) -> str:
 
     Empty without such groups.
     """
-    groups = found.open_for_torques
+    groups = found.open_for_torques  # those that change another motion's torques by over 2 %
     if not groups:
         return ""
     worst_group, (joint, share) = next(iter(groups.items()))  # the groups are sorted, worst first
-    (parameter,) = first_parameters([worst_group])
+    (parameter,) = first_parameters([worst_group])  # the first parameter of the sum names the group
     _, _, kind = parameter.rpartition(".")
     motion = _MOTIONS.get(kind, "far and fast")
     groups_text = "1 group leaves" if len(groups) == 1 else f"{len(groups)} groups leave"
@@ -147,19 +150,21 @@ def tool_sentence(changes: BodyChanges) -> str:
     tool = changes.tool
     assert tool is not None
     if tool.mass > 0:
-        comparison, question = "more", "is a tool mounted?"
+        comparison = "more"
+        question = "is a tool mounted?"
     else:
-        comparison, question = "less", "does the robot lack a tool?"
+        comparison = "less"
+        question = "does the robot lack a tool?"
     return f"{tool.link} weighs {number(abs(tool.mass), 2)} kg {comparison} than in the file: {question}"
 
 
 def _rows_that_fit(lines: Sequence[Line]) -> int:
-    """Number of rows for which the short form has room beside ``lines``, in each of its two tables."""
+    """Number of rows for which the short form has room beside ``lines``, in each of its tables."""
     printed_lines = 0
     for line in lines:
         length = sum(map(len, _piece_texts(line)))
         printed_lines += -(-length // _LINE_WIDTH)  # rounded up
-    rows_per_table = (_MAX_LINES - _OTHER_LINES - printed_lines) // 2
+    rows_per_table = (_MAX_LINES - _OTHER_LINES - printed_lines) // _TABLES
     return max(_MIN_ROWS, min(_MAX_ROWS, rows_per_table))
 
 
@@ -178,19 +183,24 @@ def _thresholds(found: ResidualThreshold) -> Iterator[Block]:
 
 def _body_table(changes: BodyChanges, level: Level, max_rows: int) -> Table:
     """Masses in the file and identified, and moves of the centres of mass; sure changes have a mark. Last row: all links."""
+    # the last entry of each list is that of all links together
     file_masses = [*changes.before.tolist(), float(changes.before.sum())]
     masses = [*changes.masses.tolist(), float(changes.masses.sum())]
     are_sure = [*changes.is_heavier.tolist(), changes.is_sum_heavier]
-    mass_cells = [_change(mass, _kilograms(mass), is_sure=sure) for mass, sure in zip(masses, are_sure, strict=True)]
+    mass_cells = []
+    for mass, is_sure in zip(masses, are_sure, strict=True):
+        mass_cells.append(_change(mass, _kilograms(mass), is_sure=is_sure))
     distances_mm = 1e3 * changes.moved
-    moved_cells = [_change(x, is_sure=bool(sure)) for x, sure in zip(distances_mm, changes.is_moved, strict=True)]
+    distance_cells = []
+    for distance, is_sure in zip(distances_mm, changes.is_moved, strict=True):
+        distance_cells.append(_change(distance, is_sure=bool(is_sure)))
     mass_changes = np.abs(changes.masses - changes.before).tolist()
     return Table(
         "",
         words("link", [*changes.links, "all"]),
         numbers("file", file_masses, _kilograms, "kg"),
         numbers("measured", mass_cells, unit="kg"),
-        numbers("centre moved", [*moved_cells, MISSING], unit="mm"),
+        numbers("centre moved", [*distance_cells, MISSING], unit="mm"),
         level=level,
         most=max_rows,
         by=[*mass_changes, math.inf],  # largest changes first; the row of all links always stays
@@ -203,7 +213,7 @@ def _kilograms(mass: float) -> str:
 
 
 def _change(value: float, text: str = "", *, is_sure: bool) -> Any:
-    """Cell of a table: a sure value has a mark, another one is quiet. Without ``text``, one decimal is shown."""
+    """Cell of a value, written as ``text`` or with one decimal: sure values have a mark, others are quiet; nan is missing."""
     if not math.isfinite(value):
         return MISSING
     if not text:
@@ -223,7 +233,7 @@ def _joint_table(found: IdentifiedRobot, max_rows: int) -> Table:
         for law, title in _LAW_TITLES.items():
             values_by_joint = found.consistent.of_joints(law)
             if values_by_joint:
-                quantity = "tau/dq" if law == "viscous" else "tau"
+                quantity = "tau/dq" if law == "viscous" else "tau"  # viscous friction is per speed
                 values = [values_by_joint.get(name, MISSING) for name in names]
                 columns.append(numbers(title, values, unit=_unit(quantity, is_angular)))
     if found.offsets:
@@ -272,7 +282,7 @@ def _full_form(found: IdentifiedRobot) -> Iterator[str | Table]:
         "Unexplained share of the torques, in rows held out",
         words("joint", found.held_out.joints),
         numbers("held out", found.held_out.joints.values(), lambda share: percent(share, 3)),
-        numbers("size", found.sigma, unit=torque_unit),  # standard deviation of the residuals
+        numbers("size", found.sigma, unit=torque_unit),  # standard deviations of the residuals
         level=Level.ALL,
     )
     yield _groups_table(found)
@@ -282,7 +292,7 @@ def _full_form(found: IdentifiedRobot) -> Iterator[str | Table]:
     held_count = int(found.base.held.sum())
     if held_count:
         yield f"{held_count} parameters were held at known values"
-    poor_groups = first_parameters(found.poorly_determined)
+    poor_groups = first_parameters(found.poorly_determined)  # deviations over 30 % of the values
     if poor_groups:
         names = listed(poor_groups, _MAX_NAMES, "; ")
         yield f"Poorly determined, standard deviation above 30 %: {len(poor_groups)} of {found.free_count} groups, {names}"

@@ -58,7 +58,10 @@ class ConstraintProjector:
         B = _mass_weighted(A, L) / sizes[:, None]
         *batch, k, nv = B.shape
         if k == 0 or nv == 0:
-            return cls(sizes, L, np.zeros((*batch, k, 0)), np.zeros((*batch, nv, 0)), np.zeros((*batch, 0)))
+            no_U = np.zeros((*batch, k, 0))
+            no_V = np.zeros((*batch, nv, 0))
+            no_sigma = np.zeros((*batch, 0))
+            return cls(sizes, L, no_U, no_V, no_sigma)
         U, sigma, Vt = np.linalg.svd(B, full_matrices=False)
         is_significant = sigma > TOLERANCE
         if max_rank is not None:
@@ -66,7 +69,8 @@ class ConstraintProjector:
         safe_sigma = np.where(is_significant, sigma, 1.0)
         inverse_sigma = np.where(is_significant, 1.0 / safe_sigma, 0.0)
         V = np.swapaxes(Vt, -1, -2)
-        return cls(sizes, L, U * is_significant[..., None, :], V * is_significant[..., None, :], inverse_sigma)
+        column_factors = is_significant[..., None, :]  # 0 for columns beyond the rank
+        return cls(sizes, L, U * column_factors, V * column_factors, inverse_sigma)
 
     @property
     def rank(self) -> Array:
@@ -89,7 +93,8 @@ class ConstraintProjector:
         rank = np.asarray(self.rank)[..., None]
         max_row_count = k - rank.min(initial=k)
         column_indices = rank + np.arange(max_row_count)  # of ``directions`` beyond the rank; padding from k on
-        columns = np.take_along_axis(self.directions, np.minimum(column_indices, k - 1)[..., None, :], axis=-1)
+        existing_indices = np.minimum(column_indices, k - 1)
+        columns = np.take_along_axis(self.directions, existing_indices[..., None, :], axis=-1)
         padded_columns = columns * (column_indices < k)[..., None, :]
         return np.asarray(np.swapaxes(padded_columns, -1, -2))
 
@@ -103,14 +108,16 @@ class ConstraintProjector:
     @property
     def pseudoinverse(self) -> Array:
         """Moore–Penrose inverse of A M⁻¹ A' = W U σ² U' W, in the units of its rows; (..., k, k)."""
-        root = self.range @ (self.U * self.inverse_sigma[..., None, :] / self.sizes[:, None])
+        scaled_U = self.U * self.inverse_sigma[..., None, :] / self.sizes[:, None]  # W⁻¹ U σ⁻¹
+        root = self.range @ scaled_U
         return np.asarray(root @ np.swapaxes(root, -1, -2))
 
     @property
     def projector(self) -> Array:
         """1 - A'(A M⁻¹ A')⁺ A M⁻¹ = L (1 - V V') L⁻¹; (..., nv, nv)."""
         free = np.eye(self.V.shape[-2]) - self.V @ np.swapaxes(self.V, -1, -2)  # 1 - V V', symmetric
-        free_L_inverse = np.swapaxes(np.linalg.solve(np.swapaxes(self.L, -1, -2), free), -1, -2)  # (L⁻ᵀ (1 - V V'))'
+        transposed_product = np.linalg.solve(np.swapaxes(self.L, -1, -2), free)  # L⁻ᵀ (1 - V V')
+        free_L_inverse = np.swapaxes(transposed_product, -1, -2)
         return np.asarray(self.L @ free_L_inverse)
 
     def nearest(self, v: Array, missing: Array, damped: Array | float = 1.0) -> Array:
@@ -163,7 +170,8 @@ def _mass_weighted(A: Array, L: Array) -> Array:
     """A L⁻ᵀ."""
     if 0 in A.shape[-2:]:
         return A
-    return np.swapaxes(np.linalg.solve(L, np.swapaxes(A, -1, -2)), -1, -2)
+    transposed_result = np.linalg.solve(L, np.swapaxes(A, -1, -2))  # L⁻¹ A'
+    return np.swapaxes(transposed_result, -1, -2)
 
 
 def usual_sizes(J: Array, M: Array) -> Array:
@@ -186,7 +194,8 @@ def needs_singular_values(pivots: Array, sizes: Array) -> Array:
     """True if elimination with these pivots (..., k) of A M⁻¹ A' is too inaccurate and singular values are needed; (...)."""
     min_pivot = MIN_PIVOT_SINGLE if pivots.dtype == np.float32 else MIN_PIVOT
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.asarray(~(pivots >= min_pivot * sizes**2).all(axis=-1))
+        are_large = (pivots >= min_pivot * sizes**2).all(axis=-1)  # False also for nan
+        return np.asarray(~are_large)
 
 
 def independent_rows(A: Array, M: Array, sizes: Array) -> tuple[int, ...]:
@@ -204,5 +213,6 @@ def independent_rows(A: Array, M: Array, sizes: Array) -> tuple[int, ...]:
             if np.linalg.norm(residual) > MIN_INDEPENDENT_PART:
                 independent.append(i)
                 Q = np.vstack([Q, residual / np.linalg.norm(residual)])
-        most_rows = max(most_rows, tuple(independent), key=len)
+        if len(independent) > len(most_rows):
+            most_rows = tuple(independent)
     return most_rows

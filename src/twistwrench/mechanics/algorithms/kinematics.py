@@ -87,7 +87,7 @@ def _row_number(row: object) -> int:
     return int(row)
 
 
-def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:
+def _axes_on_path(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:
     """Bodies from base to frame, each with its joint's screw axes (k, 6) in the frame of ``kind``. MR eq. 5.11, 5.18."""
     target = model.frame(frame)
     poses_in_parents = joint_poses(model, q)
@@ -102,7 +102,8 @@ def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Bo
         T_s = base_poses(model, poses_in_parents)
         origin = np.zeros(3)  # of the frame of ``kind``, which has the axes of {s}
         if kind == "world_aligned" and target.body != BASE:
-            origin = (T_s[target.body] @ target.pose)[:3, 3]
+            T_target = T_s[target.body] @ target.pose
+            origin = T_target[:3, 3]
         for i in path:
             R, p = T_s[i][:3, :3], T_s[i][:3, 3]
             poses[i] = se3.pose(R, p - origin)
@@ -114,39 +115,45 @@ def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Bo
 def jacobian(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
     """Jacobian J of the frame; (6, nv)."""
     J = zeros(6, model.nv)
-    for body, axes in _columns(model, q, frame, kind):
+    for body, axes in _axes_on_path(model, q, frame, kind):
         _add_columns(J, body, axes)
     return J
 
 
 def jacobian_rate(model: Model, q: Array, dq: Array, frame: str, kind: str = "body") -> Array:
     """dJ/dt; (6, nv). Each column moves with its body relative to the observing frame: dJ_i = [V_i - V_observer, J_i]."""
-    return _rate_of_columns(model, list(_columns(model, q, frame, kind)), dq, kind)
+    axes_on_path = list(_axes_on_path(model, q, frame, kind))
+    return _jacobian_rate(model, axes_on_path, dq, kind)
 
 
-def _rate_of_columns(model: Model, columns: list[tuple[Body, Array]], dq: Array, kind: str) -> Array:
-    """dJ/dt from the bodies and screw axes of :func:`_columns`."""
-    V = zeros(6)  # of the bodies on the path in turn, at last of the frame itself
+def _jacobian_rate(model: Model, axes_on_path: list[tuple[Body, Array]], dq: Array, kind: str) -> Array:
+    """dJ/dt from the bodies and their screw axes, as :func:`_axes_on_path` yields them."""
+    V = zeros(6)  # twist of each body on the path in turn; after the loop, of the frame itself
     twists = []
-    for body, axes in columns:
+    for body, axes in axes_on_path:
         _, velocities = body.places
         V = V + dq[velocities] @ axes
         twists.append(V)
-    observer_twists = {"space": zeros(6), "body": V, "world_aligned": np.concatenate([zeros(3), V[3:]])}
+    observer_twists = {
+        "space": zeros(6),
+        "body": V,
+        "world_aligned": np.concatenate([zeros(3), V[3:]]),
+    }
     dJ = zeros(6, model.nv)
-    for (body, axes), V_i in zip(columns, twists, strict=True):
-        _add_columns(dJ, body, ad(V_i - observer_twists[kind]).apply(axes))
+    for (body, axes), V_i in zip(axes_on_path, twists, strict=True):
+        relative_twist = V_i - observer_twists[kind]
+        _add_columns(dJ, body, ad(relative_twist).apply(axes))
     return dJ
 
 
 def jacobian_derivative(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
     """∂J/∂q along robot.add (last axis); (6, nv, nv). dJ/dt is linear in dq, so ∂J/∂q_k is dJ/dt at the k-th unit velocity."""
-    columns = list(_columns(model, q, frame, kind))
-    unit_velocities = np.eye(model.nv).astype(object)
+    axes_on_path = list(_axes_on_path(model, q, frame, kind))
+    unit_velocities = np.eye(model.nv).astype(object)  # to be multiplied by symbols
     derivative = zeros(6, model.nv, model.nv)
-    for body, axes in columns:
+    for body, axes in axes_on_path:
         for k in range(body.v_index, body.v_index + len(axes)):
-            derivative[:, :, k] = _rate_of_columns(model, columns, unit_velocities[k], kind)
+            derivative[:, :, k] = _jacobian_rate(model, axes_on_path, unit_velocities[k], kind)
     return derivative
 
 
@@ -228,6 +235,10 @@ def moving_parts(model: Model, q: Array) -> Iterator[tuple[Array, Array]]:
             yield R, dR
 
 
+_DECIMALS = 12
+"""Number of decimals to which structure constants are rounded, since they have rounding errors."""
+
+
 def brackets(model: Model) -> Array:
     """Structure constants c of each joint's screw axes, [S_a, S_b] = Σ c_abd S_d, which form a Lie algebra; (nv, nv, nv)."""
     c = np.zeros((model.nv, model.nv, model.nv))
@@ -238,7 +249,7 @@ def brackets(model: Model) -> Array:
         for a, b in np.ndindex(len(axes), len(axes)):
             axis_brackets[a, b] = ad(axes[a]) @ axes[b]
         constants = axis_brackets @ np.linalg.pinv(axes)
-        c[columns, columns, columns] = np.round(constants, 12)  # orthonormal axes give exactly 0, 1 and -1
+        c[columns, columns, columns] = np.round(constants, _DECIMALS)  # orthonormal axes give exactly 0, 1 and -1
     return c
 
 
@@ -278,7 +289,8 @@ def halfway(model: Model, q: Array, dv: Array, angles: Array) -> Array:
     for body in model.leaders:
         if body.joint.angle is not None:
             coordinate, velocity = body.joint.angle  # indices within the joint
-            i, k = body.q_index + coordinate, body.v_index + velocity
+            i = body.q_index + coordinate
+            k = body.v_index + velocity
             q_new[i] = angles[i].turned(half_dv[k].clip(-LARGEST_HALF_TURN, LARGEST_HALF_TURN))
     return q_new
 

@@ -156,8 +156,8 @@ def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
     """Gap of one closure with T_cb = (R, p), (..., 3, 3) and (..., 3), in its rows; accurate for any size."""
     # A gap is zero if {b} coincides with {c} in the closure's rows. Near this state its rate equals the same rows of V_cb.
     # Linear rows of the gap are the rows of p. Three angular rows are the rows of log R. Two angular rows are the smallest
-    # rotation that takes the third axis of {c} to the third axis of {b}, since the rotation about this axis is free. One angular
-    # row is the angle of a planar motion.
+    # rotation that takes the third axis of {c} to the third axis of {b}, since the rotation about this axis is free. One
+    # angular row is the angle of a planar motion.
     angular_rows = sorted({0, 1, 2}.intersection(rows))
     if len(angular_rows) == 3:
         rotation_vector = so3.log(R)

@@ -69,7 +69,8 @@ def collect(model: Model, wrenches: Array) -> Array:
 
 def add_entry(matrix: Array, row_body: Body, m: int, column_body: Body, k: int, value: Any) -> None:
     """Add a value for velocity m of one joint (row) and velocity k of another (column), scaled by the ratios of followers."""
-    row, column = row_body.v_index + m, column_body.v_index + k
+    row = row_body.v_index + m
+    column = column_body.v_index + k
     matrix[row, column] = matrix[row, column] + row_body.ratio * column_body.ratio * value
 
 
@@ -102,7 +103,8 @@ def armature_symbols(model: Model) -> Iterator[tuple[slice, Array]]:
     """Slice of dq and L (n, n, n) of each joint that has n > 1 velocities and an armature."""
     for body in model.leaders:
         _, columns = body.places
-        S, n = body.joint.axes, body.joint.nv
+        S = body.joint.axes
+        n = body.joint.nv
         a = model.armature[columns]
         if n > 1 and a.any():
             L = np.empty((n, n, n), a.dtype)
@@ -118,7 +120,7 @@ def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
         u = dq[..., columns]
         # each product of two velocities once; squares have zero coefficients
         coefficients = np.triu(L + L.swapaxes(1, 2))
-        products = u[..., None, :, None] * u[..., None, None, :]
+        products = u[..., None, :, None] * u[..., None, None, :]  # of velocities b and c, for any a
         tau[..., columns] = tau[..., columns] + (coefficients * products).sum(axis=(-2, -1))
     return tau
 

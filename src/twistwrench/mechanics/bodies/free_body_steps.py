@@ -69,7 +69,10 @@ class MissedImpulse:
         shares, weights = self.rule.shares(self.h)
         wrenches_at_probes = []
         for share in shares.tolist():
-            q, *other_parts = ((1.0 - share) * a + share * b for a, b in zip(state_before, state_after, strict=True))
+            parts = []
+            for before, after in zip(state_before, state_after, strict=True):
+                parts.append((1.0 - share) * before + share * after)
+            q, *other_parts = parts
             wrenches_at_probes.append(push(t + share * self.h, q / np.linalg.norm(q), *other_parts))
         wrenches = np.array(wrenches_at_probes)
         missed_impulse = self.h * np.abs(left_out(weights, wrenches))
@@ -82,9 +85,9 @@ class MissedImpulse:
 
     def remark(self, linear: float, angular: float) -> str:
         """Remark if the missed impulse is a large part of the largest linear [N s] or angular momentum [N m s]; else empty."""
-        missed_angular, missed_linear = self.sum[:3].max(), self.sum[3:].max()
-        is_large = missed_linear > _MAX_IMPULSE_ERROR * linear or missed_angular > _MAX_IMPULSE_ERROR * angular
-        if not is_large:
+        has_large_angular = self.sum[:3].max() > _MAX_IMPULSE_ERROR * angular
+        has_large_linear = self.sum[3:].max() > _MAX_IMPULSE_ERROR * linear
+        if not has_large_angular and not has_large_linear:
             return ""
         return (
             f"the wrench changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all "
@@ -172,8 +175,10 @@ def torque_free_motion(
     k = len(quaternions)
     t = np.append(np.arange(0, n, stride), n) * h
     positions = p + np.multiply.outer(t, f / body.mass)
-    angular_momenta, linear_momenta = np.broadcast_to(l, (k, 3)), np.broadcast_to(f, (k, 3))
-    no_impulse, no_work = np.zeros((k, 6)), np.zeros(k)
+    angular_momenta = np.broadcast_to(l, (k, 3))
+    linear_momenta = np.broadcast_to(f, (k, 3))
+    no_impulse = np.zeros((k, 6))
+    no_work = np.zeros(k)
     return quaternions, positions, angular_momenta, linear_momenta, no_impulse, no_work
 
 
@@ -202,8 +207,10 @@ def motion_under_wrench(
     half_steps = []
     for fraction in fractions:
         half = 0.5 * fraction * h
-        half_steps.append((half, *rotor.schedule(half, COMPOSITIONS[2])))
-    impulse, work = np.zeros(6), 0.0
+        turns, last_turn = rotor.schedule(half, COMPOSITIONS[2])
+        half_steps.append((half, turns, last_turn))
+    impulse = np.zeros(6)
+    work = 0.0
     record = [(q, p, l, f, impulse, work)]
     for i in range(1, n + 1):
         t = (i - 1) * h
@@ -245,15 +252,19 @@ def _midpoint_wrench(
     F, power = body.push(law, t, q, p, l, f)
     change = np.inf
     for _ in range(_MAX_ITERATIONS):
-        previous_F, previous_change = F, change
+        previous_F = F
+        previous_change = change
         size = np.abs(F).max()
-        F, power = body.push(law, t, q, p, l + 0.5 * h * previous_F[:3], f + 0.5 * h * previous_F[3:])
+        mean_l = l + 0.5 * h * previous_F[:3]
+        mean_f = f + 0.5 * h * previous_F[3:]
+        F, power = body.push(law, t, q, p, mean_l, mean_f)
         change = np.abs(F - previous_F).max()
         has_converged = change <= _CONVERGED_CHANGE * size
         is_rounding_error = previous_change <= change <= _MAX_ROUNDING * size  # it does not decrease further
         if has_converged or is_rounding_error:
             return F, power
-        if change > 2.0 * previous_change:
+        diverges = change > 2.0 * previous_change
+        if diverges:
             break
     raise ValueRangeError(
         f"at t = {printed(t)} s the wrench depends on the twist so steeply that a step of {printed(abs(h))} s finds no "
@@ -272,7 +283,8 @@ def adaptive_motion(
     def rate(t: float, y: Array) -> Array:
         q, p, l, f = y[:4] / np.linalg.norm(y[:4]), y[4:7], y[7:10], y[10:13]
         w = (quaternion.rotation(q).T @ l) / body.moments
-        F, power = np.zeros(6), 0.0
+        F = np.zeros(6)
+        power = 0.0
         if law is not None:
             F, power = body.push(law, t, q, p, l, f)
         dq = 0.5 * quaternion.multiply(q, np.append(0.0, w))
@@ -280,7 +292,8 @@ def adaptive_motion(
 
     # Sizes of the unknowns for absolute tolerances: lengths are compared with the radius of gyration r, speeds with one radius
     # per flight plus the initial speeds of translation and rotation.
-    T, m = times[-1], body.mass
+    T = times[-1]
+    m = body.mass
     r = float(np.sqrt(body.moments[2] / body.mass))
     speed = r / T + np.linalg.norm(f) / m + np.linalg.norm(l) / (m * r)
     momentum_sizes = [m * r * speed] * 3 + [m * speed] * 3  # angular, then linear

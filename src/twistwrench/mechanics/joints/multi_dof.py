@@ -58,9 +58,9 @@ class Ball(Joint):
 
     def add(self, q: Array, dv: Array, angles: Array) -> Array:
         """Quaternion Q exp(ω)."""
-        half, cosine, _ = half_angle(dv @ dv)
+        half_sinc, cosine, _ = half_angle(dv @ dv)  # sin(x/2) / x and cos(x/2) of the angle x = |ω|
         Q = q / np.sqrt(q @ q)
-        return quaternion.multiply(Q, np.concatenate([[cosine], half * dv]))
+        return quaternion.multiply(Q, np.concatenate([[cosine], half_sinc * dv]))
 
     def subtract(self, q1: Array, q0: Array) -> Array:
         """Rotation vector log(Q0⁻¹ Q1)."""
@@ -70,7 +70,13 @@ class Ball(Joint):
     def rates(self, q: Array) -> Array:
         """N in dQ = ½ Q (0, ω) = N ω; (4, 3)."""
         w, x, y, z = 0.5 * q
-        return np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]], object)
+        rows = [
+            [-x, -y, -z],
+            [w, -z, y],
+            [z, w, -x],
+            [-y, x, w],
+        ]
+        return np.array(rows, object)
 
     def rotation_slopes(self, q: Array) -> Iterator[tuple[Array, Array]]:
         """R and dR = R [ω] for each unit velocity: shorter than derivatives through the quaternion, and half zeros."""
@@ -135,7 +141,10 @@ class Ball(Joint):
     def sliders(self) -> tuple[Slider, ...]:
         """Sliders for roll, pitch and yaw."""
         ranges = {"roll": math.pi, "pitch": math.pi / 2, "yaw": math.pi}
-        return tuple(Slider(f" {angle}", 0, "°", largest, k) for k, (angle, largest) in enumerate(ranges.items()))
+        sliders = []
+        for k, (angle, largest) in enumerate(ranges.items()):
+            sliders.append(Slider(f" {angle}", 0, "°", largest, k))
+        return tuple(sliders)
 
 
 def rotation_between(Q1: Array, Q0: Array) -> tuple[Array, Any]:
@@ -187,9 +196,9 @@ class Floating(Joint):
         Q, p = q[:4], q[4:]
         w, v = dv[:3], dv[3:]
         Q = Q / np.sqrt(Q @ Q)
-        half, cosine, third = half_angle(w @ w)
-        Q_new = quaternion.multiply(Q, np.concatenate([[cosine], half * w]))
-        displacement = slide(w, v, 2.0 * half * half, third)  # MR eq. 3.88, in the child's frame
+        half_sinc, cosine, third = half_angle(w @ w)  # sin(x/2) / x, cos(x/2) and (1 - sin(x) / x) / x² of x = |ω|
+        Q_new = quaternion.multiply(Q, np.concatenate([[cosine], half_sinc * w]))
+        displacement = slide(w, v, 2.0 * half_sinc * half_sinc, third)  # MR eq. 3.88, in the child's frame
         return np.concatenate([Q_new, p + quaternion.rotation(angles[:4]) @ displacement])
 
     def subtract(self, q1: Array, q0: Array) -> Array:
@@ -270,7 +279,8 @@ class Floating(Joint):
         Q, E, dE = euler_rates(u[3:], du[3:])
         Rt = quaternion.rotation(Q).T
         omega = E @ du[3:]
-        B, dB = np.zeros((6, 6)), np.zeros((6, 6))
+        B = np.zeros((6, 6))
+        dB = np.zeros((6, 6))
         B[:3, 3:] = E
         B[3:, :3] = Rt
         dB[:3, 3:] = dE
@@ -382,14 +392,16 @@ class Planar(Joint):
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
         """The joint's own coordinates."""
-        coordinates = (("x", False, "x"), ("y", False, "y"), ("theta", True, "angle"))  # letter, is an angle, meaning
-        return tuple(
-            ChartEntry(letter, is_angle, f"{meaning} of joint {{}}") for letter, is_angle, meaning in coordinates
+        return (
+            ChartEntry("x", False, "x of joint {}"),
+            ChartEntry("y", False, "y of joint {}"),
+            ChartEntry("theta", True, "angle of joint {}"),
         )
 
     def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
         """B in (omega, v_1, v_2) = B (dx, dy, dtheta), and its rate."""
-        c, s, w = np.cos(u[2]), np.sin(u[2]), du[2]
+        c, s = np.cos(u[2]), np.sin(u[2])
+        w = du[2]
         B = np.array([[0, 0, 1], [c, s, 0], [-s, c, 0]])
         dB = w * np.array([[0, 0, 0], [-s, c, 0], [-c, -s, 0]])
         return u, B, dB
@@ -418,5 +430,5 @@ class Planar(Joint):
 
 def _arc(w: Any) -> tuple[Any, Any]:
     """a = sin(w)/w and b = (1 - cos w)/w, from sin w = 2 sin(w/2) cos(w/2) and 1 - cos w = 2 sin²(w/2)."""
-    half, cosine, _ = half_angle(w * w)
-    return 2.0 * half * cosine, 2.0 * half * half * w
+    half_sinc, cosine, _ = half_angle(w * w)
+    return 2.0 * half_sinc * cosine, 2.0 * half_sinc * half_sinc * w

@@ -136,7 +136,9 @@ def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
     >>> float(reciprocal_product(screw_axis([0, 0, 1]), screw_axis([1, 0, 0], point=[0, 2, 0])))
     -2.0
     """
-    S1, S2 = arguments.together(S1=_floats(S1, _SCREW, 6), S2=_floats(S2, _SCREW, 6))
+    S1 = _floats(S1, _SCREW, 6)
+    S2 = _floats(S2, _SCREW, 6)
+    S1, S2 = arguments.together(S1=S1, S2=S2)  # equal batch shapes
     w1, v1 = S1[..., :3], S1[..., 3:]
     w2, v2 = S2[..., :3], S2[..., 3:]
     return np.asarray(np.sum(w1 * v2 + v1 * w2, axis=-1))
@@ -169,9 +171,11 @@ def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
     moment_along_line = np.abs(np.sum(direction * moment, axis=-1))
     has_no_line = line_length == 0
     is_zero = has_no_line & (moment_length == 0)
-    has_zero_pitch = moment_along_line <= 16 * np.finfo(float).eps * moment_length
+    rounding = 16 * np.finfo(float).eps * moment_length
+    has_zero_pitch = moment_along_line <= rounding
     zero_pitch, infinite_pitch, finite_pitch, zero = names
-    kind = np.select([is_zero, has_no_line, has_zero_pitch], [zero, infinite_pitch, zero_pitch], finite_pitch)
+    masks = [is_zero, has_no_line, has_zero_pitch]  # the first one that is true decides
+    kind = np.select(masks, [zero, infinite_pitch, zero_pitch], finite_pitch)
     return kind if kind.ndim else str(kind)
 
 

@@ -41,13 +41,15 @@ def cot_coefficients(terms: int) -> Coefficients:
 
 
 def _slope_coefficients(coefficients: Coefficients) -> Coefficients:
-    """Coefficients of a function's slope: the term c_k θ^(2k) has the slope 2 k c_k θ^(2k - 2)."""
+    """Coefficients of the slope of a series: the term c_k θ^(2k) has the slope 2 k c_k θ^(2k - 2)."""
     return tuple(2.0 * k * coefficient for k, coefficient in enumerate(coefficients) if k > 0)
 
 
-_COS = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(16))
+_TERMS = 16
+"""Number of terms of the series of sine and cosine; the first omitted one is below 1e-17 relative at the switch."""
+_COS = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(_TERMS))
 """Coefficients of (1 - cos theta) / theta**2."""
-_SIN = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(16))
+_SIN = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(_TERMS))
 """Coefficients of (theta - sin theta) / theta**3."""
 _COT = cot_coefficients(25)
 """Coefficients of :func:`cot_term`; successive terms decrease by 2.5² / (2π)² = 0.16 at the switch."""
@@ -157,9 +159,15 @@ def quadratic(w: Array, a: Array, b: Array, constant: float = 1.0) -> Array:
     xx, xy, xz = bx * x, bx * y, bx * z  # all products times b
     yy, yz, zz = by * y, by * z, b * z * z
     matrix = np.empty((*w.shape, 3), w.dtype)
-    matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2] = constant - (yy + zz), xy - az, xz + ay
-    matrix[..., 1, 0], matrix[..., 1, 1], matrix[..., 1, 2] = xy + az, constant - (xx + zz), yz - ax
-    matrix[..., 2, 0], matrix[..., 2, 1], matrix[..., 2, 2] = xz - ay, yz + ax, constant - (xx + yy)
+    matrix[..., 0, 0] = constant - (yy + zz)
+    matrix[..., 0, 1] = xy - az
+    matrix[..., 0, 2] = xz + ay
+    matrix[..., 1, 0] = xy + az
+    matrix[..., 1, 1] = constant - (xx + zz)
+    matrix[..., 1, 2] = yz - ax
+    matrix[..., 2, 0] = xz - ay
+    matrix[..., 2, 1] = yz + ax
+    matrix[..., 2, 2] = constant - (xx + yy)
     return matrix
 
 
@@ -168,11 +176,11 @@ def slope(w: Array, v: Array, a: Array, b: Array, da: Array, db: Array) -> Array
 
     It is a [v] + b ([w][v] + [v][w]) + (w·v) (da [w] + db [w]²), with [w][v] + [v][w] = w v' + v w' - 2 (w·v) 1.
     """
-    wv = np.sum(w * v, axis=-1)  # w·v, half the rate of |w|²
+    w_dot_v = np.sum(w * v, axis=-1)  # half the rate of |w|²
     b_w_v = (b[..., None] * w)[..., :, None] * v[..., None, :]  # b w v'
     a_v = quadratic(v, a, np.zeros_like(a), 0.0)  # a [v]
-    derivative = a_v + quadratic(w, wv * da, wv * db, 0.0)
+    derivative = a_v + quadratic(w, w_dot_v * da, w_dot_v * db, 0.0)
     derivative += b_w_v + np.swapaxes(b_w_v, -1, -2)
     diagonal = np.einsum("...ii->...i", derivative)  # a view: the following changes ``derivative``
-    diagonal -= (2.0 * b * wv)[..., None]
+    diagonal -= (2.0 * b * w_dot_v)[..., None]
     return derivative

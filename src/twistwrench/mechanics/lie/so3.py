@@ -61,8 +61,12 @@ def hat(w: ArrayLike) -> Array:
         return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], w.dtype)
     x, y, z = np.moveaxis(w, -1, 0)
     W = np.zeros((*w.shape, 3), w.dtype)
-    W[..., 2, 1], W[..., 0, 2], W[..., 1, 0] = x, y, z
-    W[..., 1, 2], W[..., 2, 0], W[..., 0, 1] = -x, -y, -z
+    W[..., 2, 1] = x
+    W[..., 0, 2] = y
+    W[..., 1, 0] = z
+    W[..., 1, 2] = -x
+    W[..., 2, 0] = -y
+    W[..., 0, 1] = -z
     return W
 
 
@@ -104,7 +108,8 @@ def cross(a: ArrayLike, b: ArrayLike) -> Array:
     >>> cross([1, 0, 0], [0, 1, 0]).tolist()
     [0.0, 0.0, 1.0]
     """
-    a, b = arguments.array(a, "so3.cross: a", 3), arguments.array(b, "so3.cross: b", 3)
+    a = arguments.array(a, "so3.cross: a", 3)
+    b = arguments.array(b, "so3.cross: b", 3)
     if a.ndim == b.ndim == 1 and a.dtype == b.dtype:  # for three numbers, floats are faster than NumPy
         (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
         return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], a.dtype)
@@ -215,7 +220,8 @@ def project(M: ArrayLike, within: float = 0.1) -> Rotations:
     >>> project([[0.707, -0.707, 0], [0.707, 0.707, 0], [0, 0, 1]]).round(9)[0].tolist()
     [0.707106781, -0.707106781, 0.0]
     """
-    M, within = arguments.real(M, "so3.project: M", 3, 3), arguments.number(within, "so3.project: within")
+    M = arguments.real(M, "so3.project: M", 3, 3)
+    within = arguments.number(within, "so3.project: within")
     is_finite = np.isfinite(M).all(axis=(-2, -1), keepdims=True)
     finite_M = np.where(is_finite, M, np.eye(3, dtype=M.dtype))  # one NaN would make LAPACK fail for the whole batch
     U, _, Vt = np.linalg.svd(finite_M)
@@ -250,7 +256,8 @@ def as_scipy(R: ArrayLike) -> Rotation:
     """
     from scipy.spatial.transform import Rotation
 
-    M = arguments.rotation(arguments.finite(R, "so3.as_scipy: R", 3, 3), "so3.as_scipy: R")
+    finite_R = arguments.finite(R, "so3.as_scipy: R", 3, 3)
+    M = arguments.rotation(finite_R, "so3.as_scipy: R")
     try:
         return Rotation.from_matrix(np.require(M, requirements="W"))  # SciPy 1.13 rejects read-only arrays
     except ValueError:

@@ -43,14 +43,16 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     _check_names(carrier, attached, prefix)
     carrier.additions.motor_joints = _motors_of_both(carrier, attached)
     carrier.links |= attached.links
-    connection = unused(f"{attached.root}.attached", _joint_names([*carrier.joints, *attached.joints]))
+    all_joint_names = _joint_names([*carrier.joints, *attached.joints])
+    connection = unused(f"{attached.root}.attached", all_joint_names)
     carrier.joints += [fixed_entry(connection, link, attached.root, pose_in_link), *attached.joints]
     carrier.friction |= _without_root_joint(attached, attached.friction)
     carrier.armature |= _without_root_joint(attached, attached.armature)
     carrier.actuators += attached.actuators
     carrier.couplings += attached.couplings
     carrier.payloads += attached.payloads
-    additions, new_additions = carrier.additions, attached.additions
+    additions = carrier.additions
+    new_additions = attached.additions
     additions.sites |= new_additions.sites
     additions.springs += new_additions.springs
     additions.closures |= new_additions.closures
@@ -76,12 +78,13 @@ def _motors_of_both(carrier: ModelParts, attached: ModelParts) -> set[str]:
 
     If only one file names them, all joints of the other robot are driven.
     """
-    if not (carrier.additions.motor_joints or attached.additions.motor_joints):
+    names_motor_joints = carrier.additions.motor_joints or attached.additions.motor_joints
+    if not names_motor_joints:
         return set()
     motor_joints: set[str] = set()
     for parts in (carrier, attached):
         driven_joints = {joint.name for joint in parts.joints if not joint.fixed and joint.joint.driven}
-        motor_joints |= parts.additions.motor_joints or driven_joints
+        motor_joints |= parts.additions.motor_joints or driven_joints  # a file without such names drives all joints
     return motor_joints
 
 
@@ -142,7 +145,8 @@ def _without_locked_root(parts: ModelParts) -> ModelParts:
     """Parts without the world and its joint, if this joint was a floating base and is locked at the origin."""
     world = parts.root
     root_joints = [joint for joint in parts.joints if joint.parent == world]
-    if len(root_joints) != 1 or parts.links[world].inertia.mass:
+    world_has_mass = parts.links[world].inertia.mass != 0.0
+    if len(root_joints) != 1 or world_has_mass:
         return parts
     (root_joint,) = root_joints
     is_at_origin = np.array_equal(root_joint.placement, np.eye(4))
@@ -188,6 +192,9 @@ def _with_prefix(part: ModelParts, prefix: str) -> ModelParts:
     """Parts with a prefix before every name."""
     if not prefix:
         return part
+    payloads = []
+    for frame, inertia in part.payloads:
+        payloads.append((_frame_with_prefix(frame, part.additions, prefix), inertia))
     return replace(
         part, root=prefix + part.root, additions=_additions_with_prefix(part.additions, prefix),
         links={prefix + name: replace(link, name=prefix + name) for name, link in part.links.items()},
@@ -196,7 +203,7 @@ def _with_prefix(part: ModelParts, prefix: str) -> ModelParts:
         friction=_keys_with_prefix(part.friction, prefix), armature=_keys_with_prefix(part.armature, prefix),
         actuators=[_actuator_with_prefix(actuator, prefix) for actuator in part.actuators],
         couplings=[_coupling_with_prefix(coupling, prefix) for coupling in part.couplings],
-        payloads=tuple((_frame_with_prefix(name, part.additions, prefix), G) for name, G in part.payloads),
+        payloads=tuple(payloads),
     )  # fmt: skip
 
 
@@ -276,7 +283,8 @@ def _links_of_part(parts: ModelParts, root: str, tip: str | None) -> set[str]:
             link = carrying_joints[link].parent
     links = {root}
     for joint in parts.joints:  # parents first
-        if joint.parent in links and (tip is None or joint.child in path or joint.fixed):
+        belongs_to_part = tip is None or joint.child in path or joint.fixed
+        if joint.parent in links and belongs_to_part:
             links.add(joint.child)
     return links
 
@@ -373,7 +381,9 @@ def _check_coupled_joints(couplings: Sequence[Coupling], joint_names: set[str]) 
 def _check_rotor_links(actuators: Sequence[Actuator], frames: set[str]) -> None:
     """Raise ModelError if a rotor is on a link that is not in the part."""
     for actuator in actuators:
-        if actuator.rotor is not None and actuator.rotor.link not in (None, *frames):
+        if actuator.rotor is None or actuator.rotor.link is None:
+            continue
+        if actuator.rotor.link not in frames:
             raise ModelError(
                 f"the rotor of joint {actuator.joint!r} is on link {actuator.rotor.link!r}, which is not in that part of the "
                 "robot. Cut the part out first, and describe its actuators then."

@@ -30,7 +30,8 @@ def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     is_zero = np.abs(R) <= tolerance
     zeros_in_row = is_zero.sum(axis=1)
     zeros_in_column = is_zero.sum(axis=0)
-    is_unit = ~is_zero & (zeros_in_row[:, None] == 2) & (zeros_in_column[None, :] == 2)  # all beside it are zero
+    has_zeros_beside = (zeros_in_row[:, None] == 2) & (zeros_in_column[None, :] == 2)
+    is_unit = ~is_zero & has_zeros_beside
     snapped = np.where(is_zero, 0.0, R)
     snapped = np.where(is_unit, np.copysign(1.0, R), snapped)
     is_permutation = is_unit.sum() == 3
@@ -58,7 +59,8 @@ def _nearest_orthogonal(B: Array) -> Array:
     """Orthogonal matrix nearest to B (2, 2): a rotation or a reflection, like B."""
     (a, b), (c, d) = B
     determinant = 1.0 if a * d - b * c > 0 else -1.0  # of the orthogonal matrix
-    x, y = a + determinant * d, c - determinant * b
+    x = a + determinant * d
+    y = c - determinant * b
     length = np.hypot(x, y)
     cosine, sine = x / length, y / length
     return np.array([[cosine, -determinant * sine], [sine, determinant * cosine]])

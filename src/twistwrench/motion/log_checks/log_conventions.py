@@ -24,13 +24,18 @@ _SO_ARM_MOTORS = {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "
 """Motors of the arms SO-100 and SO-101 in LeRobot datasets."""
 
 
+_MAX_LISTED_JOINTS = 6
+"""Largest number of joints that a doubt names."""
+
+
 def fanuc_doubts(file: MotionFile, model: Model, coordinates: Coordinates) -> list[Doubt]:
     """Doubt about the third joint of a Fanuc robot, as its column J3 is the angle to the horizontal; empty for other logs."""
     has_fanuc_columns = {"J1", "J2", "J3", "J4", "J5", "J6"} <= set(file.header)
     if not has_fanuc_columns or not _FANUC_NAMES.search(model.name.lower()):
         return []
     third_joint = coordinates.names[2]
-    return [doubt("fanuc-j3", [third_joint], joint=third_joint, column=Argument("columns", {third_joint: "J3+J2"}))]
+    remedy = Argument("columns", {third_joint: "J3+J2"})
+    return [doubt("fanuc-j3", [third_joint], joint=third_joint, column=remedy)]
 
 
 def dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates, *, degrees: bool) -> list[Doubt]:
@@ -55,9 +60,11 @@ def dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates,
     _check_radians(file, cells)
     if file.dataset != "unknown":
         return []
-    fields: dict[str, Any] = {"named": listed(joints, 6), "usual": ""}  # of the doubt's sentence
-    words_of_cells = set(".".join(cells).split("."))
-    if not _SO_ARM_MOTORS & words_of_cells:
+    fields: dict[str, Any] = {"named": listed(joints, _MAX_LISTED_JOINTS), "usual": ""}  # of the doubt's sentence
+    words_of_cells: set[str] = set()
+    for cell in cells:
+        words_of_cells.update(cell.split("."))
+    if _SO_ARM_MOTORS.isdisjoint(words_of_cells):
         return [doubt("dataset-unit", joints, level="note", **fields)]
     fields["usual"] = ", although LeRobot records these motors in degrees or in shares of their range"
     return [doubt("dataset-unit", joints, level="unsure", **fields)]
@@ -65,7 +72,8 @@ def dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates,
 
 def _check_radians(file: ArrayFile, cells: list[str]) -> None:
     """Raise TrajectoryError if a column reaches more than a turn."""
-    columns = [file.first(file.header.index(cell)) for cell in cells]
+    indices = [file.header.index(cell) for cell in cells]
+    columns = [file.first(index) for index in indices]
     largest_values = [float(np.abs(column).max(initial=0.0)) for column in columns]
     worst = int(np.argmax(largest_values))
     largest = largest_values[worst]

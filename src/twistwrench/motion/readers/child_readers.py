@@ -59,7 +59,7 @@ def recording_file(file: FileEnds, topic: str | None = None, command_topic: str 
 def array_file_in_child(path: Path, episode: int | None) -> ArrayFile:
     """As :func:`.array_file`, with the file decoded in a child process."""
     limits = _limits(path)
-    suffix = path.suffix.lower()[1:]
+    suffix = path.suffix.lower().removeprefix(".")
     header, size, notes, dataset = run_in_child(
         f"{__name__}:head_of_arrays",
         str(path),
@@ -95,7 +95,7 @@ def ros_file_in_child(path: Path, topic: str | None, command_topic: str | None =
         limits=_limits(path),
         error_of=lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}."),
     )
-    header, size, notes, epoch, plan = next(stream)
+    header, size, notes, epoch, plan = next(stream)  # the rows follow
     table = table_of(stream, len(header), path)
     read_portions = partial(_columns_of, table)
     return ArrayFile(path, tuple(header), size, read_portions, tuple(notes), epoch=epoch, plan=plan)
@@ -142,6 +142,6 @@ def recording(path: str, topic: str | None, command_topic: str | None) -> Iterat
 
     file = ros_file(Path(path), topic, command_topic)
     yield file.header, file.size, file.notes, file.epoch, file.plan
-    (table,) = file.read(range(len(file.header)))
+    (table,) = file.read(range(len(file.header)))  # recordings are read as one portion
     for rows in slices(len(table)):
         yield table[rows]

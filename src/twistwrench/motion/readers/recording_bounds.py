@@ -40,7 +40,8 @@ def recording_database(path: Path) -> Iterator[sqlite3.Connection]:
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(_ALLOWED_LENGTH, size))
         database.execute("pragma trusted_schema=off")
         database.execute("pragma cell_size_check=on")
-        database.set_progress_handler(handler.stop_requests().__next__, _STEPS_BETWEEN_CALLS)
+        stop_requests = handler.stop_requests()
+        database.set_progress_handler(stop_requests.__next__, _STEPS_BETWEEN_CALLS)
         try:
             _check_tables(database, path)
             yield database
@@ -99,8 +100,8 @@ def _check_tables(database: sqlite3.Connection, path: Path) -> None:
     for name in names:
         computed_columns = []
         for row in database.execute(f"pragma table_xinfo({name})"):
-            _, column, *_, hidden = row
-            if hidden:  # 0 for ordinary columns
+            _, column, *_, hidden = row  # number, name, type, not null, default, primary key, hidden
+            if hidden != 0:  # a computed column
                 computed_columns.append(str(column))
         if computed_columns:
             raise TrajectoryError(

@@ -107,11 +107,13 @@ def require_independent(closed: ConstrainedRobot, q: Array, is_driven: Array) ->
         return
     # The driven joints determine the others if the columns of A of the others are independent.
     rows = list(closed.independent)
-    A = closed.constraint_jacobian(q)[..., rows, :] / closed.sizes[rows, None]
+    A = closed.constraint_jacobian(q)[..., rows, :]
+    A = A / closed.sizes[rows, None]  # rows of usual size 1
     A_undriven = A[..., ~is_driven]
     singular_values = np.linalg.svd(A_undriven, compute_uv=False)
     ratio = singular_values[..., -1] / singular_values[..., 0]
-    if not (ratio > SINGULAR_VALUE).all():  # NaN too
+    are_independent = (ratio > SINGULAR_VALUE).all()  # False also for NaN
+    if not are_independent:
         worst_state = int(np.argmin(ratio))
         raise ConstraintError(
             f"{names} do not determine the other joints{place_in_batch(worst_state, ratio.shape)}: a dead centre, or a "

@@ -28,7 +28,7 @@ def javascript_module(quantity: BridgedQuantity) -> str:
     copies = [element.translate(_BRACKETS_TO_UNDERSCORES) for element in input_elements]  # q[3] to q_3_
     # Inputs are copied before outputs are written, since they may be the same arrays.
     lines = [f"const {copies[k]} = {input_elements[k]};" for k in _read_elements(program)]
-    results = evaluated(program, copies, _functions(lines))  # adds a line for each operation
+    results = evaluated(program, copies, _line_writers(lines))  # a text for each result; adds a line for each operation
     new_arrays = [f"new Float64Array({port.size})" for port in program.outputs]
     if len(outputs) == 1:
         output_elements = element_names(["out"], program.outputs)
@@ -62,7 +62,7 @@ def _shapes_text(names: Sequence[str], ports: Sequence[TensorSpec]) -> str:
     return ", ".join(f"{name} {list(port.shape)}" for name, port in zip(names, ports, strict=True))
 
 
-def _functions(lines: list[str]) -> dict[str, Any]:
+def _line_writers(lines: list[str]) -> dict[str, Any]:
     """Function for each operation, which writes the operation as a line and returns the name of the result."""
 
     def operation(pattern: str) -> Any:

@@ -396,7 +396,7 @@ def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A0
     for link, inertia in robot.model.link_inertias.items():
         payload_mass = sum(payload.mass for frame, payload in payloads if frame == link)
         masses[link] = float(inertia.mass - payload_mass)
-    printable_name = "".join(filter(str.isprintable, robot.name))
+    printable_name = "".join(character for character in robot.name if character.isprintable())
     text_by_word = {  # text in place of each @WORD@ of the templates
         "NAME": name,
         "ROBOT": escape(printable_name),
@@ -430,7 +430,8 @@ def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A0
 
 def _cpp_string(text: str) -> str:
     """C++ string literal in ASCII."""
-    return f'"{"".join(map(_cpp_character, text))}"'
+    characters = "".join(map(_cpp_character, text))
+    return f'"{characters}"'
 
 
 def _cpp_character(character: str) -> str:

@@ -52,13 +52,15 @@ def branches(
             "joints of one degree as rows; otherwise a pose has curves of configurations. Lock joints (robot.lock), or use "
             "inverse_kinematics for one."
         )
-    q0 = np.concatenate([robot.neutral[None], robot.random_configuration(rng, starts - 1)])
+    random_starts = robot.random_configuration(rng, starts - 1)  # the neutral configuration is a start, too
+    q0 = np.concatenate([robot.neutral[None], random_starts])
     result = robot.inverse_kinematics(target, frame, q0, rows=rows, restarts=0, angle=angle, distance=distance)
     solutions = np.flatnonzero(result.converged)
     q = _without_full_turns(robot, result.q[solutions])
     J = robot.jacobian(q, frame)[:, row_indices, :]
-    is_angular = np.array(row_indices) < 3
-    lever_arms = np.linalg.norm(J[:, ~is_angular], axis=1).max(axis=-1, initial=1.0)
+    is_angular = np.array(row_indices) < 3  # rows 0 to 2 of a twist
+    column_lengths = np.linalg.norm(J[:, ~is_angular], axis=1)
+    lever_arms = column_lengths.max(axis=-1, initial=1.0)
     branch_indices: list[int] = []  # of the first configuration of each branch
     for k in range(len(q)):
         difference = _difference_without_turns(robot, q[k], q[branch_indices])
@@ -67,9 +69,10 @@ def branches(
         max_distance = MAX_EQUAL_DISPLACEMENT * distance * lever_arms[branch_indices]
         is_equal = np.linalg.norm(V[:, is_angular], axis=1) <= MAX_EQUAL_DISPLACEMENT * angle
         is_equal &= np.linalg.norm(V[:, ~is_angular], axis=1) <= max_distance
-        if not (is_identical | is_equal).any():
+        is_on_known_branch = (is_identical | is_equal).any()
+        if not is_on_known_branch:
             branch_indices.append(k)
-    singular_values = np.ones((0, 1))
+    singular_values = np.ones((0, 1))  # of no branch
     if branch_indices:
         singular_values = np.linalg.svd(J[branch_indices], compute_uv=False)
     is_singular = singular_values[:, -1] <= SINGULAR_VALUE_SHARE * singular_values[:, 0]

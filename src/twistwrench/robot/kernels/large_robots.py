@@ -57,8 +57,14 @@ def columns_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Colu
         return evaluate_quantity(quantity, regrouped_model, list(arrays), options)
 
     inputs = inputs_of(model, FORWARD_DERIVATIVES, options)
-    program = trace(derivatives_and_factors, inputs, [*quantity.outputs, "W", "D"])
-    return ColumnSolve(program, 2, tuple(_column_groups(program, model.nv)))
+    factors = ["W", "D"]  # results that only the groups use
+    program = trace(derivatives_and_factors, inputs, [*quantity.outputs, *factors])
+    column_groups = _column_groups(program, model.nv)
+    return ColumnSolve(program, len(factors), tuple(column_groups))
+
+
+_TAU_DERIVATIVES = 2
+"""Number of matrices ∂τ, the first results of the program: ∂τ/∂q and ∂τ/∂dq."""
 
 
 def _column_groups(program: Program, n: int) -> list[ColumnGroup]:
@@ -66,12 +72,14 @@ def _column_groups(program: Program, n: int) -> list[ColumnGroup]:
 
     The program's results are three matrices (n, n), of which the first two are ∂τ, then the factors W (n, n) and D.
     """
-    is_nonzero = ~np.array(program.zeros[: 2 * n * n]).reshape(2, n, n)
+    is_zero = np.array(program.zeros[: _TAU_DERIVATIVES * n * n]).reshape(_TAU_DERIVATIVES, n, n)
+    is_nonzero = ~is_zero
     columns_by_rows: dict[tuple[bool, ...], list[tuple[int, int]]] = {}
     for matrix, column in np.argwhere(is_nonzero.any(axis=1)).tolist():
         nonzero_rows = tuple(is_nonzero[matrix, :, column].tolist())
         columns_by_rows.setdefault(nonzero_rows, []).append((matrix, column))
-    W_entries = [program.instructions[result] for result in program.results[3 * n * n : 4 * n * n]]
+    W_results = program.results[3 * n * n : 4 * n * n]
+    W_entries = [program.instructions[result] for result in W_results]
     W_varies = np.array([entry.op != "const" for entry in W_entries]).reshape(n, n)
     W_constants = np.array([entry.value for entry in W_entries]).reshape(n, n)
 
@@ -79,7 +87,9 @@ def _column_groups(program: Program, n: int) -> list[ColumnGroup]:
         """Program that solves for a column with these nonzero rows."""
 
         def solve(W: Array, D: Array, x: Array) -> Array:
-            return accelerations(np.where(W_varies, W, W_constants), D, np.where(nonzero_rows, x, 0.0))
+            sparse_W = np.where(W_varies, W, W_constants)
+            sparse_x = np.where(nonzero_rows, x, 0.0)
+            return accelerations(sparse_W, D, sparse_x)
 
         return trace(solve, [("W", (n, n)), ("D", (n,)), ("x", (n,))], ["solution"])
 
@@ -108,7 +118,7 @@ class LapackDerivatives:
         self.__name__ = FORWARD_DERIVATIVES
         self.__doc__ = f"{FORWARD_DERIVATIVES} of {engine.model.name}, from its mass matrix and ∂τ."
         n = engine.model.nv
-        inputs, _ = str(self._acceleration.signature).split("->")
+        inputs, _, _ = str(self._acceleration.signature).partition("->")
         self.signature = f"{inputs}->({n},{n}),({n},{n}),({n},{n})"
         self.nin = self._acceleration.nin
         self.nout = 3
@@ -121,7 +131,8 @@ class LapackDerivatives:
         ddq = self._acceleration(*args)  # validates the arguments, as all kernels do
         q, dq, _, *wrenches = args
         tau_by_q, tau_by_dq = self._torque_derivatives(q, dq, ddq, *wrenches)
-        M_inverse = _inverse(self._mass(q).astype(ddq.dtype, copy=False))
+        M = self._mass(q).astype(ddq.dtype, copy=False)
+        M_inverse = _inverse(M)
         ddq_by_q = -(M_inverse @ tau_by_q)
         ddq_by_dq = -(M_inverse @ tau_by_dq)
         ddq_by_tau = np.broadcast_to(M_inverse, tau_by_q.shape)
@@ -203,7 +214,8 @@ def products_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Pro
     if model.nv < MIN_MATRIX_SIZE or not joint_pair_factors.joints_are_independent(model):
         return None
     carries, bodies = joint_pair_factors.relations(model)
-    estimated_length = loops.instructions_per_velocity * model.nv + loops.instructions_per_pair * int(carries.sum())
+    pair_count = int(carries.sum())
+    estimated_length = loops.instructions_per_velocity * model.nv + loops.instructions_per_pair * pair_count
     if estimated_length < PAIR_LOOP_FROM:
         return None
     if estimated_length < MAX_OVERESTIMATE * PAIR_LOOP_FROM:  # the estimate does not decide
@@ -215,15 +227,17 @@ def products_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Pro
         is_same_body = bodies[:, None] == bodies
         is_above_diagonal = np.triu(np.ones_like(is_same_body), 1)
         is_carried = is_carried & ~(is_same_body & is_above_diagonal)
-    relations = np.where(is_carried, AFTER, np.where(carries, BEFORE, NEITHER))
+    relations = np.where(carries, BEFORE, NEITHER)
+    relations = np.where(is_carried, AFTER, relations)
     quantity = replace(QUANTITIES[name], algorithm=loops.factors)
     regrouped_model = regrouped(model)
 
     def factors(*arrays: Array) -> Any:
         return evaluate_quantity(quantity, regrouped_model, list(arrays), options)
 
-    factor_count = len(set(chain(*loops.before, *loops.after)))
-    program = trace(factors, inputs_of(model, name, options), [f"factor {k}" for k in range(factor_count)])
+    factor_indices = set(chain(*loops.before, *loops.after))
+    factor_names = [f"factor {k}" for k in range(len(factor_indices))]
+    program = trace(factors, inputs_of(model, name, options), factor_names)
     matrices = []
     fields_of_matrices = zip(quantity.outputs, loops.before, loops.after, loops.constant_parts, strict=True)
     for output, before, after, constant_part in fields_of_matrices:

@@ -84,24 +84,18 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         model.frame(frame)  # only for its error
         complete_options["frame"] = model.tip if frame is None else frame
     if options.get("gravity") is not None:
-        if not isinstance(options["gravity"], str) or options["gravity"] != "input":
+        gravity = options["gravity"]
+        is_input = isinstance(gravity, str) and gravity == "input"  # an array has no single truth value
+        if not is_input:
             raise KernelError(
-                f"{name}: gravity={options['gravity']!r} is not allowed. 'input' makes gravity the kernel's last input; "
+                f"{name}: gravity={gravity!r} is not allowed. 'input' makes gravity the kernel's last input; "
                 "for another constant one, robot.with_gravity."
             )
         complete_options["gravity"] = "input"
     if options.get("friction"):
         complete_options["friction"] = True
     if "kind" in allowed_options:
-        complete_options["kind"] = options.get("kind", "body")
-        if complete_options["kind"] not in kinematics.KINDS:
-            kind = str(complete_options["kind"])
-            name_here = kinematics.PINOCCHIO.get(kind.upper())
-            if name_here:
-                raise UnknownNameError(
-                    f"no kind named {kind!r}: Pinocchio's name for kind={name_here!r}, which has angular rows first."
-                )
-            raise UnknownNameError.from_choices("kind", complete_options["kind"], kinematics.KINDS)
+        complete_options["kind"] = _checked_kind(options.get("kind", "body"))
     if "rows" in allowed_options:
         if model.nv == 0:
             raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")
@@ -117,14 +111,32 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     options_of_derivative = [option for option in DERIVATIVE_OPTIONS if option in options and option != "by"]
     if options.get("by") is not None:
         derivative_options = {**DERIVATIVE_OPTIONS, **options}
-        by, form, mode, values = (derivative_options[option] for option in DERIVATIVE_OPTIONS)
         inputs = tuple(input_shapes(model, name, complete_options))
-        complete_options["derivative"] = Derivative.from_inputs(name, inputs, by, form, mode, values)
+        complete_options["derivative"] = Derivative.from_inputs(
+            name,
+            inputs,
+            derivative_options["by"],
+            derivative_options["form"],
+            derivative_options["mode"],
+            derivative_options["values"],
+        )
     elif options_of_derivative:
         raise KernelError(
             f"{name}: {options_of_derivative[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'."
         )
     return complete_options
+
+
+def _checked_kind(kind: Any) -> Any:
+    """Return the kind of a twist; raises UnknownNameError for another name, with our name for a name of Pinocchio."""
+    if kind in kinematics.KINDS:
+        return kind
+    kind_of_pinocchio = kinematics.PINOCCHIO.get(str(kind).upper())
+    if kind_of_pinocchio:
+        raise UnknownNameError(
+            f"no kind named {str(kind)!r}: Pinocchio's name for kind={kind_of_pinocchio!r}, which has angular rows first."
+        )
+    raise UnknownNameError.from_choices("kind", kind, kinematics.KINDS)
 
 
 def _names_tuple(names: str | Sequence[str]) -> tuple[str, ...]:

@@ -147,11 +147,11 @@ class OneByOne:
 METHODS: dict[str, Callable[[System], Scheme]] = {
     "dopri5": lambda system: RungeKutta(system, DORMAND_PRINCE),
     "euler": lambda system: RungeKutta(system, EULER),
-    "midpoint": lambda system: Variational(system, 2),
+    "midpoint": lambda system: Variational(system, order=2),
     "rk4": lambda system: RungeKutta(system, RK4),
     "semi_implicit": SemiImplicit,
-    "variational": lambda system: Variational(system, 4),
-    "variational6": lambda system: Variational(system, 6),
+    "variational": lambda system: Variational(system, order=4),
+    "variational6": lambda system: Variational(system, order=6),
 }
 """Methods by name; ``dopri5`` adapts its steps, the others take fixed steps."""
 

@@ -44,17 +44,18 @@ class TrialStep(StepPlan):
         the inputs of the plan, and the tolerances.
         """
         model = self.model
-        nq, nv, works = model.nq, model.nv, len(WORKS)
+        nq, nv = model.nq, model.nv
+        works = len(WORKS)
         inputs = [*self.inputs, ("rtol", ()), ("atol", ())]
         ports: Ports = [("angles", (nq,)), ("q", (nq,)), ("dq", (nv,))]
         ports += [("q at start", (nq,)), ("dq at start", (nv,)), ("work at start", (works,))]
         ports += [("K", (STAGES, nq + nv + works)), ("stage", (2 * STAGES,)), *inputs]
-        sources = [Source("state", k) for k in (0, 0, 1)]
+        sources = [Source("state", k) for k in (0, 0, 1)]  # angles are q, too
         sources += [Source("start", k) for k in range(3)]
         sources += [Source("state", 3), Source("stage"), *[Source("given")] * len(inputs)]
         names = ["q", "dq", "work", "rates", "error", "judgement"]
         program = trace(self._attempt, ports, names)
-        return Scan(program, tuple(sources), visible=6, table=_stage_table())
+        return Scan(program, tuple(sources), visible=len(names), table=_stage_table())
 
     def _attempt(
         self,
@@ -77,11 +78,13 @@ class TrialStep(StepPlan):
         rates, _, _ = self._rates(angles, angles, dq, forces)
         rate = np.concatenate(rates)
         is_stage, weights = row[:STAGES], row[STAGES:]
-        K = np.array([K[0]] + [K[i] + is_stage[i] * (rate - K[i]) for i in range(1, STAGES)], object)
+        later_rates = [K[i] + is_stage[i] * (rate - K[i]) for i in range(1, STAGES)]
+        K = np.array([K[0], *later_rates], object)
         y = np.concatenate([q0, dq0, work0])
         y1 = y + h * (weights @ K)
         nq, nv = self.model.nq, self.model.nv
-        error, statistics = error_and_statistics(slice(nq, nq + nv), y, y1, K, h, rtol, atol)
+        moving = slice(nq, nq + nv)
+        error, statistics = error_and_statistics(moving, y, y1, K, h, rtol, atol)
         return y1[:nq], y1[nq : nq + nv], y1[nq + nv :], K, error, statistics
 
 
@@ -93,8 +96,10 @@ def _stage_table() -> tuple[tuple[float, ...], ...]:
     a, b, *_ = DORMAND_PRINCE.numbers
     rows = []
     for i in range(STAGES):
-        is_stage, weights = np.zeros(STAGES), np.zeros(STAGES)
-        is_stage[i] = float(i > 0)
+        is_stage = np.zeros(STAGES)
+        weights = np.zeros(STAGES)
+        if i > 0:
+            is_stage[i] = 1.0
         if i + 1 < STAGES:
             weights[: i + 1] = a[i + 1][: i + 1]
         else:
@@ -113,7 +118,8 @@ def error_and_statistics(
     motion = slice(0, moving.stop)
     a, _, _, weights, _ = DORMAND_PRINCE.numbers
     error = h * (weights @ K)
-    larger_state = np.array([abs(x).clip(abs(x1), np.inf) for x, x1 in zip(y, y1, strict=True)], object)  # of both ends
+    larger_magnitudes = [abs(x).clip(abs(x1), np.inf) for x, x1 in zip(y, y1, strict=True)]  # of both ends
+    larger_state = np.array(larger_magnitudes, object)
     relative_error = (error / (atol + rtol * larger_state))[motion]
     rate_change = (K[-1] - K[-2])[motion]
     distance = (y1 - y - h * (a[-2][: STAGES - 2] @ K[:-2]))[motion]
@@ -158,8 +164,10 @@ class TrialSteps:
         self._held: Array | None = None
         """Torques of the controller that stand in the inputs."""
         # An input or output is an array and its row for each call k: always row 0, or row k.
-        first_row, own_row = np.zeros(m, int), np.arange(m)
-        parts_of_state = slice(0, system.nq), system.moving, slice(system.nq + system.nv, size)
+        first_row = np.zeros(m, int)
+        own_row = np.arange(m)
+        works = slice(system.nq + system.nv, size)
+        parts_of_state = (slice(0, system.nq), system.moving, works)
         rows_before = [(self._y[:, part], first_row) for part in parts_of_state]
         rows_after = [(self.states[:, part], own_row) for part in parts_of_state]
         error_rows = [(self.errors, own_row), (self.statistics, own_row)]
@@ -169,7 +177,7 @@ class TrialSteps:
         plan_inputs = [(values[name], first_row) for name, _ in plan.inputs[1:]]
         tolerance_inputs = [(np.array([tolerance]), first_row) for tolerance in tolerances]
         inputs: list[Rows] = [*rows_before, (self._K, first_row), *error_rows, (self._h, first_row)]
-        plan_input_names = list(dict(plan.inputs))
+        plan_input_names = [name for name, _ in plan.inputs]
         first_plan_input = len(inputs) - 1  # the length of the step, which is the first input of the plan
         tau_input = first_plan_input + plan_input_names.index("tau")
         inputs += [*plan_inputs, *tolerance_inputs]
@@ -198,7 +206,8 @@ class TrialSteps:
         """Try a step from a state and its rates (size,); returns norm of the error, steepness, distance and squared speed."""
         if self.full:
             self.restart()
-        s, k = self.system, self.count
+        s = self.system
+        k = self.count
         if self._held is not s.held:
             self._held = s.held
             self._tau[0] = s.held
@@ -230,14 +239,18 @@ class TrialSteps:
         return np.asarray(self._total + np.abs(self.errors[: self.count]).sum(axis=0))
 
 
+_STATE_INPUTS = 7
+"""Number of the first inputs: three parts of the state, K, error, statistics and length."""
+
+
 def _row_caller(kernel: Any, inputs: list[Rows], outputs: list[Rows], tau_input: int) -> Callable[[int], Any]:
     """Function that makes call k of a kernel, from and to rows of arrays; ``tau_input`` is the index of the torques."""
     if can_bind_calls(kernel):
         return bind_calls(kernel, [*inputs, *outputs], tau_input, len(inputs) + len(outputs) - 1)
 
-    def call(k: int) -> None:  # the first seven inputs are three parts of the state, K, error, statistics and length
-        *states, length = [x[rows[k]] for x, rows in inputs[:7]]
-        values = [x[rows[k]][None] for x, rows in inputs[7:]]
+    def call(k: int) -> None:
+        *states, length = [x[rows[k]] for x, rows in inputs[:_STATE_INPUTS]]
+        values = [x[rows[k]][None] for x, rows in inputs[_STATE_INPUTS:]]
         results = [x[rows[k]][None] for x, rows in outputs]
         kernel(*states, length[None], *values, out=tuple(results))
 
@@ -255,7 +268,9 @@ class FunctionTrials:
         self.tolerances = tolerances
         self.total = np.zeros(system.size)
         no_row = np.zeros((1, system.size))  # replaced by the first attempt
-        self.states, self.rates, self.errors = no_row, no_row, no_row
+        self.states = no_row
+        self.rates = no_row
+        self.errors = no_row
 
     def attempt(self, t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:
         """Try a step from a state and its rates (size,); returns norm of the error, steepness, distance and NaN."""

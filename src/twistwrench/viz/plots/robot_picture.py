@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
@@ -103,7 +104,8 @@ class Camera:
 def overview(scene: Scene, poses: Array, azimuth: float = -0.9, elevation: float = 0.35) -> tuple[Camera, float]:
     """Camera that shows all poses (n, nq) from a minimum distance, and the height of their lowest point."""
     bounds = np.stack([scene.bounds(q) for q in poses])  # (poses, 2, 3): lowest and highest corner of each
-    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    low = bounds[:, 0].min(axis=0)
+    high = bounds[:, 1].max(axis=0)
     size = max(scene.size, float(np.linalg.norm(high - low)))
     return Camera((low + high) / 2, CAMERA_DISTANCE * size, azimuth, elevation), float(low[2])
 
@@ -112,10 +114,13 @@ class Painter:
     """Painter of a scene as polygons, picture by picture; the floor is at height ``floor``."""
 
     def __init__(self, scene: Scene, camera: Camera, floor: float) -> None:
-        self.scene, self.camera, self.floor = scene, camera, floor
+        self.scene = scene
+        self.camera = camera
+        self.floor = floor
         layers = {"looks"} if scene.dressed or scene.doubtful else {"looks", "inertia"}
         drawn_shapes = [shape for shape in scene.shapes if shape.layer in layers]
-        shadow_shapes = [shape for shape in scene.decimated(_MAX_SHADOW_TRIANGLES).shapes if shape.layer == "looks"]
+        coarse_scene = scene.decimated(_MAX_SHADOW_TRIANGLES)
+        shadow_shapes = [shape for shape in coarse_scene.shapes if shape.layer == "looks"]
         self.parts = [(shape, shape.surface.placed(shape.pose)) for shape in drawn_shapes]
         """Drawn shapes with their surfaces in the frame of the body."""
         self.shades = [(shape, shape.surface.placed(shape.pose)) for shape in shadow_shapes]
@@ -124,20 +129,23 @@ class Painter:
     def paint(self, q: Array) -> tuple[Array, Array]:
         """Triangles (k, 3, 2) with colours (k, 4) at q (nq,): first shadows, then shapes from far to near."""
         poses = self.scene.body_poses(q)
-        corners = np.concatenate([_base_corners(shape, surface, poses) for shape, surface in self.parts])
+        corners = _corners_of_shapes(self.parts, poses)
         colours_by_part = []
         for shape, surface in self.parts:
             colour = (*shape.colour, _OPACITY[shape.layer])
             colours_by_part.append(np.tile(colour, (len(surface.faces), 1)))
         colours = np.concatenate(colours_by_part)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _MIN_NORMAL)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals /= np.maximum(lengths, _MIN_NORMAL)
         _, _, back = self.camera.axes()
         eye = self.camera.target + self.camera.distance * back
         towards_eye = np.einsum("ij,ij->i", normals, eye - corners.mean(axis=1))  # above 0 for front faces
         is_shown = (towards_eye > 0) | (colours[:, 3] == 1.0)  # transparent shapes show front faces only
-        corners, colours = corners[is_shown], colours[is_shown]
-        towards_eye, normals = towards_eye[is_shown], normals[is_shown]
+        corners = corners[is_shown]
+        colours = colours[is_shown]
+        towards_eye = towards_eye[is_shown]
+        normals = normals[is_shown]
         sides = np.where(towards_eye < 0, -1.0, 1.0)  # back faces are lit from their own side
         normals = normals * sides[:, None]
         direct_light = np.maximum(normals @ _TO_LIGHT, 0.0)
@@ -145,9 +153,10 @@ class Painter:
         colours[:, :3] = np.clip(colours[:, :3] * brightness[:, None], 0.0, 1.0)
         triangles, depths = self.camera.project(corners)
         far_to_near = np.argsort(-depths.mean(axis=1))
-        shading_corners = np.concatenate([_base_corners(shape, surface, poses) for shape, surface in self.shades])
+        shading_corners = _corners_of_shapes(self.shades, poses)
         heights = shading_corners[..., 2:] - self.floor
-        corners_on_floor = shading_corners - heights * (_TO_LIGHT / _TO_LIGHT[2])  # along the light
+        light_per_height = _TO_LIGHT / _TO_LIGHT[2]  # way of the light for a height of 1
+        corners_on_floor = shading_corners - heights * light_per_height
         shadows, _ = self.camera.project(corners_on_floor)
         shadow_colours = np.tile((*_SHADOW_COLOUR, 1.0), (len(shadows), 1))
         all_triangles = np.concatenate([shadows, triangles[far_to_near]])
@@ -168,6 +177,11 @@ class Painter:
         heights = np.full((*lines.shape[:-1], 1), self.floor)
         lines_in_picture, _ = self.camera.project(np.concatenate([lines, heights], axis=-1))
         return lines_in_picture
+
+
+def _corners_of_shapes(shapes: Sequence[tuple[Shape, Surface]], poses: Array) -> Array:
+    """Corners of the triangles of all shapes, with their surfaces, in the base frame; (k, 3, 3)."""
+    return np.concatenate([_base_corners(shape, surface, poses) for shape, surface in shapes])
 
 
 def _base_corners(shape: Shape, surface: Surface, poses: Array) -> Array:
@@ -243,7 +257,8 @@ def draw(
         is_shadow = np.arange(len(triangles)) < shadow_count
         is_opaque = colours[:, 3] == 1.0  # only inertia ellipsoids are not
         is_shape = ~is_shadow & (inertia | is_opaque)
-        for mask, layer in ((is_shadow, 1), (is_shape, 2)):  # shadows lie below all poses
+        layers = ((is_shadow, 1), (is_shape, 2))  # shadows lie below all poses
+        for mask, layer in layers:
             options: dict[str, Any] = {"facecolors": colours[mask], "edgecolors": edges[mask], "linewidths": 0.3}
             axes.add_collection(PolyCollection(list(triangles[mask]), zorder=layer, **options))
     axes.set_aspect("equal")
@@ -292,7 +307,8 @@ def still(
     with style.figure(6.4, 4.6, "", "Drawing the report") as drawn:
         axes = drawn.subplots()
         scene = replace(scene, shapes=tuple(shapes)).decimated(MAX_TRIANGLES)
-        camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=_broadest_azimuth(scene, q))
+        azimuth = _broadest_azimuth(scene, q)
+        camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=azimuth)
         if label and marked_bodies:
             origin = scene.body_poses(q)[marked_bodies[0], :3, 3]
             (x, y), _ = camera.project(origin)
@@ -345,7 +361,8 @@ def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, 
 
     if motion is not None:
         scene = mark_overloaded_links(scene, motion)
-    with Image.open(BytesIO(still(scene.robot, q, scene=scene))) as image:
+    png = still(scene.robot, q, scene=scene)
+    with Image.open(BytesIO(png)) as image:
         thumbnail = image.convert("RGBA")
         thumbnail.thumbnail((width, width))
         for quality in (80, 60, 40, 20):  # the best one that fits, or the last
