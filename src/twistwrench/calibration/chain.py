@@ -278,7 +278,7 @@ class TipChain:
         for placement, displacement, motion in zip(self.placements, self.bends(at), motions, strict=True):
             file_poses.append(T @ placement)
             joint_poses.append(T @ (placement @ displacement))
-            T = joint_poses[-1] @ motion
+            T = joint_poses[-1] @ motion  # of the joint's moving link
         turns, shifts = self.turns_and_shifts(at)
         points = self.centres + shifts  # of the axes about which D_k turn, after their shifts
         twists = _displacement_columns(np.array(file_poses), points[:, None], turns[:, None], self.axes[:, None])
@@ -323,7 +323,8 @@ def _displacement_columns(T: Array, point: Array, turn: Array, axes: Array) -> A
     """
     R = T[..., :3, :3]
     angular = R @ (np.asarray(so3.left_jacobian(turn)) @ axes)
-    p = T[..., :3, 3] + (R @ point[..., None])[..., 0]  # the point in the base frame
+    rotated_point = R @ point[..., None]
+    p = T[..., :3, 3] + rotated_point[..., 0]  # the point in the base frame
     columns = np.zeros((*T.shape[:-2], 6, 6))
     columns[..., :3, :3] = angular
     columns[..., 3:, :3] = so3.hat(p) @ angular  # [p] ω

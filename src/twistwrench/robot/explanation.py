@@ -150,7 +150,8 @@ class Explanation(ExplanationDoors):
         text : str, of one state
         """
         rows = self.rows(joint)
-        name_width, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
+        table_columns = zip(*rows, strict=True)
+        name_width, *widths = [max(map(len, column)) for column in table_columns]
         lines = []
         for name, *cells in rows:
             aligned = [cell.rjust(width) for cell, width in zip(cells, widths, strict=True)]
@@ -217,7 +218,10 @@ def explain_torques(
         return np.swapaxes(regressor(q, dq, ddq) @ parameters.T, -1, -2)  # (..., causes, nv)
 
     parts = _motion_parts(torques_by_cause, q, dq, ddq)
-    units = units_of("tau", (turns for body in model.leaders for turns in body.joint.turning))
+    turning: list[bool] = []  # of each velocity
+    for body in model.leaders:
+        turning += body.joint.turning
+    units = units_of("tau", turning)
     explanation = Explanation(MOTION_TERMS, causes, model.velocity_names, units, parts)
     for name, tau in other_torques.items():
         explanation = explanation.with_term(name, tau)
