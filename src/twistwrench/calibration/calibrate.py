@@ -129,7 +129,8 @@ def calibrate(
         if measurement.path:
             files[name] = measurement.path
     configurations = arm.random_configuration(seed, CONFIGURATIONS)
-    without_doubts = CalibratedRobot(arm, fit, file_fit, held_out, (), accuracy, configurations, settings, files)
+    no_doubts = ()
+    without_doubts = CalibratedRobot(arm, fit, file_fit, held_out, no_doubts, accuracy, configurations, settings, files)
     return replace(without_doubts, doubts=tuple(doubts_of(without_doubts)))
 
 

@@ -317,13 +317,17 @@ def _identify_once(
         unknown, samples, is_dead, options, method, assumed_causes, partial(_report_fit, report_progress),
         needs_folds=not test_logs,
     )  # fmt: skip
-    rows, prior, base = chosen.rows, chosen.prior, chosen.rows.base
+    rows = chosen.rows
+    prior = chosen.prior
+    base = rows.base
     rows.release()
     trial = Trial(rows, chosen.settings)
     x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
     settings, covariance = _with_covariance(chosen, trial, x, sigma, weights)
     five_fold = _five_fold(rows, prior, method, chosen.without_fifth)
-    held_out = _predict_tests(rows, test_logs, settings, x, chosen.assumed) if test_logs else five_fold
+    held_out = five_fold
+    if test_logs:
+        held_out = _predict_tests(rows, test_logs, settings, x, chosen.assumed)
     report_progress(_SHARE_BEFORE_CAUSES)
     causes: list[Doubt] = []
     laws: tuple[WantedCause, ...] = ()
@@ -471,7 +475,8 @@ def _chosen_settings(
     if assumed_causes:
         initial_settings = begin_settings(unknown.model.nv, samples, options)
         initial_causes = AssumedCauses.from_logs(unknown, samples, assumed_causes, initial_settings, is_dead)
-        assumed, settings, (rows, sizes, prior) = initial_causes.refine(build, method, MOST_ROWS)
+        assumed, settings, rows_sizes_and_prior = initial_causes.refine(build, method, MOST_ROWS)
+        rows, sizes, prior = rows_sizes_and_prior
         without_fifth = [settings] * FOLDS
         if needs_folds:
             without_fifth = rows.choose(prior, others_of_fifth, progress)
@@ -597,7 +602,8 @@ def _remarks(logs: Sequence[ReadLog]) -> tuple[str, ...]:
 
 def _three_digits(count: int) -> str:
     """Number with three digits and separators of thousands."""
-    return f"{round(count, 3 - len(str(count))):,}"
+    digit_count = len(str(count))
+    return f"{round(count, 3 - digit_count):,}"
 
 
 def _dead_torques(logs: Sequence[ReadLog]) -> Array:
@@ -606,7 +612,8 @@ def _dead_torques(logs: Sequence[ReadLog]) -> Array:
     For a joint that moves, it is enough if the torque is constant in nearly all rows.
     """
     tau = np.concatenate([log.tau for log in logs])
-    has_moved = np.any([(np.diff(log.q, axis=0) != 0).any(axis=0) for log in logs], axis=0)
+    moves_in_logs = [(np.diff(log.q, axis=0) != 0).any(axis=0) for log in logs]
+    has_moved = np.any(moves_in_logs, axis=0)
     constant_share = (tau == np.median(tau, axis=0)).mean(axis=0)
     is_constant = np.ptp(tau, axis=0) == 0
     return np.asarray(is_constant | (has_moved & (constant_share > _MAX_CONSTANT_ROWS)))

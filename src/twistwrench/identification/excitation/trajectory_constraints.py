@@ -148,7 +148,9 @@ class TrajectoryConstraints:
 def half_and_middle(bounds: Limits) -> tuple[Array, Array]:
     """Half the range of positions (nv,), and its middle (nv,); not finite for joints without both limits."""
     with np.errstate(invalid="ignore"):  # inf - inf
-        return (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
+        half = (bounds.upper - bounds.lower) / 2.0
+        middle = (bounds.upper + bounds.lower) / 2.0
+    return half, middle
 
 
 def shared_bounds(bounds: Limits, share: float) -> Limits:

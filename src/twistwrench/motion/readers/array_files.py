@@ -74,14 +74,16 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         used_arrays = {column.array: arrays[column.array] for column in used_columns}
         total_size = sum(array.size for array in used_arrays.values())  # bytes
         check_ratio(path, total_size, file.size)
-        largest_row_size = max(1, *(array.row_size for array in used_arrays.values()))
+        row_sizes = [array.row_size for array in used_arrays.values()]  # bytes
+        largest_row_size = max(1, *row_sizes)
         max_rows = max(1, min(log_table.ROWS, _PORTION_SIZE // largest_row_size))
         first_dates: dict[int, Array] = {}  # by column
         begin = 0
-        for portions in zip(*[array.portions(max_rows) for array in used_arrays.values()], strict=True):
+        portions_of_arrays = [array.portions(max_rows) for array in used_arrays.values()]
+        for portions in zip(*portions_of_arrays, strict=True):
             portion_by_array = dict(zip(used_arrays, portions, strict=True))
             end = begin + len(portions[0])
-            selected_rows: Any = ...
+            selected_rows: Any = ...  # all
             if episode_rows is not None:
                 selected_rows = episode_rows[begin:end]
             begin = end
@@ -175,7 +177,8 @@ def _episode_rows(path: Path, episodes: StoredArray | None, episode: int | None)
         return None
     if episode is None or episode not in episode_numbers:
         finding = "several episodes" if episode is None else f"no episode {episode}"
-        first_episode, last_episode = int(episode_numbers[0]), int(episode_numbers[-1])
+        first_episode = int(episode_numbers[0])
+        last_episode = int(episode_numbers[-1])
         raise TrajectoryError(
             f"{path}: has {finding}: {first_episode} to {last_episode}. Choose one: {{0}}.",
             Argument("episode", first_episode),
