@@ -356,7 +356,7 @@ class PlaneTarget(TouchTarget):
         centre_columns = point_columns(T[on_second_plane], J[on_second_plane]).mean(axis=0)
         n, n_by_rotation = self.normals()
         height = float(n[0] @ centre - self.x[0, 2])
-        side = 1.0 if height > 0 else -1.0  # of the first plane, on which the second one is
+        side = 1.0 if height > 0 else -1.0  # 1 if the second plane is above the first
         own = np.zeros(self.x.size)
         own[:3] = [*(centre @ n_by_rotation[0]), -1.0]  # by the unknowns of the first plane
         return abs(height) - self.given.length, side * (n[0] @ centre_columns), side * own

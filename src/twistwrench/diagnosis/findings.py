@@ -218,21 +218,21 @@ class Effects:
         rounding_errors = _MAX_ROUNDING_ERROR * np.maximum(np.abs(M), np.abs(dM)) + 1e-300
         repaired_M = np.maximum(M + dM, rounding_errors)
         inertia_percents = 100.0 * (np.abs(dM) / repaired_M).max(axis=0)
-        index_of_inertia = int(inertia_percents.argmax())
-        max_percent = float(inertia_percents[index_of_inertia])
+        largest_inertia_index = int(inertia_percents.argmax())
+        max_percent = float(inertia_percents[largest_inertia_index])
         if max_percent > 100.0 * _MAX_ROUNDING_ERROR:
-            effect = replace(effect, inertia_percent=max_percent, inertia_joint=names[index_of_inertia])
+            effect = replace(effect, inertia_percent=max_percent, inertia_joint=names[largest_inertia_index])
         torques = np.abs(dg).max(axis=0)
-        index_of_torque = int(torques.argmax())
-        max_torque = float(torques[index_of_torque])
+        largest_torque_index = int(torques.argmax())
+        max_torque = float(torques[largest_torque_index])
         largest_gravity_torque = np.abs(self.gravity_torques).max(initial=0.0)
         if max_torque > _MAX_ROUNDING_ERROR * largest_gravity_torque:
-            effect = replace(effect, torque=max_torque, torque_joint=names[index_of_torque])
+            effect = replace(effect, torque=max_torque, torque_joint=names[largest_torque_index])
             effort_percents = self._effort_percents(torques, velocities)
-            index_of_effort = int(effort_percents.argmax())
-            max_effort_percent = float(effort_percents[index_of_effort])
+            largest_effort_index = int(effort_percents.argmax())
+            max_effort_percent = float(effort_percents[largest_effort_index])
             if max_effort_percent > 0:
-                effect = replace(effect, effort_percent=max_effort_percent, effort_joint=names[index_of_effort])
+                effect = replace(effect, effort_percent=max_effort_percent, effort_joint=names[largest_effort_index])
         return effect
 
     def _effort_percents(self, torques: Array, velocities: Array) -> Array:
@@ -282,9 +282,9 @@ class Effects:
                 g[k] = g.get(k, 0.0) - AJ[:, :3, 3] @ self.model.gravity
         shape = (-1, self.count)  # also without any velocity
         velocities = np.array(list(M), int)
-        M_by_column = np.reshape([*M.values()], shape).T
-        g_by_column = np.reshape([*g.values()], shape).T
-        return velocities, M_by_column, g_by_column
+        diagonal = np.reshape([*M.values()], shape).T
+        gravity_torques = np.reshape([*g.values()], shape).T
+        return velocities, diagonal, gravity_torques
 
     def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
         """Index of each velocity that moves a body, with the twist (count, 4, 4) of the body at unit velocity."""

@@ -59,8 +59,8 @@ def path_given(source: object) -> Path:
         raise RobotFileError(
             f"a robot is loaded from a path or from XML text, not from {type(source).__name__}. {remedy}"
         )
-    is_blank_or_long = isinstance(source, str) and (not source.strip() or "\n" in source)  # several lines
-    if is_blank_or_long:
+    is_blank_or_multiline = isinstance(source, str) and (not source.strip() or "\n" in source)
+    if is_blank_or_multiline:
         raise RobotFileError(
             f"the text given is neither XML nor a path: {_beginning_text(source)}. XML text begins with '<'."
         )

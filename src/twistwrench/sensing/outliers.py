@@ -85,8 +85,8 @@ def reject_outliers(problem: Problem) -> tuple[Fit, Array]:
     max_suspects = min(n // 3, spare_rows)
     suspects = np.flatnonzero(squared_distances > special.chdtri(6, 1 - SUSPECT_QUANTILE))
     worst_first = np.argsort(-squared_distances[suspects])
-    kept_order = worst_first[:max_suspects]
-    suspects = suspects[kept_order]
+    worst_indices = worst_first[:max_suspects]
+    suspects = suspects[worst_indices]
     keep = all_rows.copy()
     keep[suspects] = False
     if suspects.size and not _determines_unknowns(start, robust_fit, keep):

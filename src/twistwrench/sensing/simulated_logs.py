@@ -123,7 +123,7 @@ def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:
     ddq = -(_FREQUENCIES**2) * q
     T = np.broadcast_to(np.eye(4), (*t.shape[:-1], 4, 4))
     V = np.zeros((*t.shape[:-1], 6))
-    dV = V
+    dV = np.zeros_like(V)
     for k, S in enumerate(_SCREWS):  # from the base outward
         T_joint = se3.exp(S * q[..., k : k + 1])
         Ad_back = se3.Ad(se3.inverse(T_joint))  # to the frame after the joint

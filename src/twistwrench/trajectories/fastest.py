@@ -117,7 +117,7 @@ def _advance(
         """Piece of length h, or None; and True if there is none for lack of accuracy only."""
         cell, lacks_accuracy = try_cell(rows, s, x, h, way, along_caps=caps)
         if cell is not None and below is not None:
-            points = np.linspace(cell.low, cell.high, _ARC_POINTS)[1:]  # without the given end
+            points = np.linspace(cell.low, cell.high, _ARC_POINTS)[1:]
             if (cell.at(points) > below.at(points) * _MAX_RATIO_TO_ARC).any():
                 return None, False
         return cell, lacks_accuracy
