@@ -176,17 +176,14 @@ def identify(
     check_strength(keep_close)
     logs = log_paths(logs, bundle_name)
     test = log_paths(test, bundle_name)
-    if method not in METHODS:
-        raise UnknownNameError.from_choices("method", method, METHODS)
+    _check_method(method)
     options = fit_options(cutoff, friction_speed, shift)
     may_fit_laws = assume not in ("none", ["none"], ("none",))
     causes = wanted_causes(assume, robot.model.velocity_names) if may_fit_laws else ()
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "side": motor_side}
     reading |= {"topic": topic, "episode": episode}
-    training_sources = log_sources(robot, logs, "logs", reading)
+    training_sources = _training_sources(robot, logs, reading)
     sources = (*training_sources, *log_sources(robot, test, "test", reading))
-    if not training_sources:
-        raise ShapeError("identify: there is no log. Give one with torques at least.")
     unknown = unknown_of(
         robot, motor_inertia=motor_inertia, friction=friction, motor_side=motor_side, known=known,
         payload_only=payload_only, stribeck_speed=stribeck_speed,
@@ -205,6 +202,20 @@ def identify(
         found = _better_with(laws, found, with_laws)
     report_progress(1.0)
     return _with_thresholds(replace(found, strength=keep_close, logs=_files(*logs, *test)), training_logs, thresholds)
+
+
+def _check_method(method: str) -> None:
+    """Raise UnknownNameError for an unknown method of least squares."""
+    if method not in METHODS:
+        raise UnknownNameError.from_choices("method", method, METHODS)
+
+
+def _training_sources(robot: Robot, logs: Sequence[Log], reading: Mapping[str, Any]) -> tuple[LogSource, ...]:
+    """Sources of the logs that are fitted; raises ShapeError if there are none."""
+    sources = log_sources(robot, logs, "logs", reading)
+    if not sources:
+        raise ShapeError("identify: there is no log. Give one with torques at least.")
+    return sources
 
 
 def _robot_with_name(robot: Robot | str | Path) -> tuple[Robot, str]:
@@ -345,23 +356,14 @@ def _identify_once(
     )  # fmt: skip
     report_progress(1.0)
     found = IdentifiedRobot(
-        original=without_coupled_motors(robot),
-        base=base,
-        values=x,
-        covariance=covariance,
-        sigma=sigma,
-        settings=settings,
-        held_out=held_out,
-        trained=five_fold,
+        original=without_coupled_motors(robot), base=base, values=x, covariance=covariance, sigma=sigma,
+        settings=settings, method=method, prior=prior, sizes=chosen.sizes,
+        held_out=held_out, trained=five_fold, _fifths=fifths,
         doubts=sorted_doubts([*read_doubts, *doubts_of(fitted)]),
-        prior=prior,
-        method=method,
-        sizes=chosen.sizes,
-        _fifths=fifths,
         payload_frame=payload_only,
         notes=(*_assumed_notes(settings), *_remarks(fitted.logs)),
         torque_shares=fitted.torque_shares,
-    )
+    )  # fmt: skip
     return found, laws
 
 

@@ -329,12 +329,7 @@ def move(
     >>> print(tw.move("ur5", {"elbow_joint": 1.0}, payload=40).verdict.word)
     OVER LIMIT
     """
-    if not step > 0:
-        raise ValueRangeError(f"{argument('step')} is {printed(step)}. Give seconds above zero.")
-    if fastest and duration is not None:
-        raise ValueRangeError(
-            f"{argument('fastest', True)} computes the duration, and {argument('duration')} sets it. Leave one of them out."
-        )
+    _check_times(step, duration, fastest=fastest)
     arguments.refuse_unused_srdf(clearance, srdf)
     if not isinstance(robot, Robot):
         robot = load(robot)
@@ -371,6 +366,16 @@ def move(
     path_clearance = clearance_along(arm, [(times, positions)], clearance, srdf)
     end_text = "" if early_end is None else str(early_end)
     return replace(report, clearance=path_clearance, early_end=end_text)
+
+
+def _check_times(step: float, duration: float | None, *, fastest: bool) -> None:
+    """Raise ValueRangeError for a step that is not above zero, and for a duration of a fastest motion."""
+    if not step > 0:
+        raise ValueRangeError(f"{argument('step')} is {printed(step)}. Give seconds above zero.")
+    if fastest and duration is not None:
+        raise ValueRangeError(
+            f"{argument('fastest', True)} computes the duration, and {argument('duration')} sets it. Leave one of them out."
+        )
 
 
 def _with_timing(

@@ -54,8 +54,7 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         return simulation_file(file)
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
         arrays, notes = reader(file)
-    max_row_size = _MAX_NUMBER_SIZE * MAX_COLUMNS  # bytes
-    wide_arrays = [name for name, array in arrays.items() if array.shape and array.row_size > max_row_size]
+    wide_arrays = _wide_arrays(arrays)
     if wide_arrays:
         note = f"Not read, as a row of it has more than {MAX_COLUMNS} numbers: {listed(wide_arrays)}."
         notes = (*notes, note)
@@ -103,6 +102,12 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         _, dataset = read_metadata(path)
     labels = tuple(column.label for column in columns)
     return ArrayFile(path, labels, file.size, read_portions, notes, dataset=dataset)
+
+
+def _wide_arrays(arrays: Mapping[str, StoredArray]) -> list[str]:
+    """Names of the arrays with too many numbers in a row."""
+    max_row_size = _MAX_NUMBER_SIZE * MAX_COLUMNS  # bytes
+    return [name for name, array in arrays.items() if array.shape and array.row_size > max_row_size]
 
 
 @dataclass(frozen=True)

@@ -257,19 +257,22 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.set_ylim(low[1] - padding[1], high[1] + padding[1])
         axis.axhline(0, color=style.AXIS, linewidth=0.6)
         angular = bool(coordinates.angular_velocity[k])
-        remark = "no torque limit"
-        colour = style.QUIET
-        if np.isfinite(effort[k]):
-            share = motion.peaks[k] / effort[k]  # over all rows, as in the torque report
-            remark = f"torque {percent_of_limit(share)}"
-            if over_limit(share):
-                colour = style.OVER
+        remark, colour = _torque_remark(motion.peaks[k], effort[k])  # the peak over all rows, as in the torque report
         style.titles(axis, robot.model.velocity_names[k], remark, colour)
         axis.set_ylabel(f"velocity [{unit_of('dq', angular)}]", fontsize=style.SMALL_FONT)
         axis.set_xlabel(f"position [{unit_of('q', angular)}]", fontsize=style.SMALL_FONT)
 
     title = "velocity over position"
     return _panels(motion, path, joints, title, draw, legend_handles, x_label="", time_scale=time_scale)
+
+
+def _torque_remark(peak: float, limit: float) -> tuple[str, str]:
+    """Text on a peak torque and its limit, inf if there is none, and the colour of the text."""
+    if not np.isfinite(limit):
+        return "no torque limit", style.QUIET
+    share = peak / limit
+    colour = style.OVER if over_limit(share) else style.QUIET
+    return f"torque {percent_of_limit(share)}", colour
 
 
 def _panels(
