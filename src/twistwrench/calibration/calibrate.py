@@ -95,7 +95,9 @@ def calibrate(
     """
     arguments.choice(outliers, "outliers", ("trim", "keep"))
     accuracy = length_and_angle(file_accuracy, "file_accuracy")
-    arm = robot if isinstance(robot, Robot) else load(robot)
+    if not isinstance(robot, Robot):
+        robot = load(robot)
+    arm = robot
     causes = [assume] if isinstance(assume, str) else assume
     chain = TipChain.from_robot(arm, tip, causes)
 

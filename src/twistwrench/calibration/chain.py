@@ -150,7 +150,8 @@ class TipChain:
     def axes(self) -> Array:
         """(n, 3, 3) axes of turns and shifts, as columns: x, y and z, the nearest of which is replaced by the joint's axis."""
         axes = np.zeros((len(self.bodies), 3, 3))
-        for k, (screw, own_entry) in enumerate(zip(self.screws, self.own, strict=True)):
+        for k, screw in enumerate(self.screws):
+            own_entry = self.own[k]
             half, own_column = divmod(own_entry, 3)  # half 0 of the screw is angular, half 1 linear
             R = np.eye(3)
             R[:, own_column] = screw.reshape(2, 3)[half]

@@ -196,7 +196,7 @@ _KINDS = {
     "int": Kind("N", settings={"type": int}),
     "float": Kind("VALUE", settings={"type": float}),
     "Seconds": Kind("SECONDS", settings={"type": Seconds()}),
-    "Metres": Kind("[DISTANCE]", settings={"type": float, "is_flag": False, "flag_value": 0.0}),
+    "Metres": Kind("[DISTANCE]", settings={"type": float, "is_flag": False, "flag_value": 0.0}),  # 0 without a distance
     "Hours": Kind("HOURS", settings={"type": float}),
     "Celsius": Kind("CELSIUS", settings={"type": float}),
     "Frame": Kind("FRAME"),

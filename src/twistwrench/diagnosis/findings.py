@@ -214,7 +214,7 @@ class Effects:
         names = [self.model.velocity_names[k] for k in velocities]
         effect = Effect()
         M = self.diagonal[:, velocities]
-        # above rounding errors, as a repair may leave almost no inertia
+        # above rounding errors, as a repair may leave almost no inertia; and above zero, as a divisor
         rounding_errors = _MAX_ROUNDING_ERROR * np.maximum(np.abs(M), np.abs(dM)) + 1e-300
         repaired_M = np.maximum(M + dM, rounding_errors)
         inertia_percents = 100.0 * (np.abs(dM) / repaired_M).max(axis=0)

@@ -632,7 +632,8 @@ def payload_margin(load: LoadCase, effort: Array, shares: PayloadShares) -> Payl
     nv = load.robot.nv
     least_shares = -shares.greatest.value  # of the payload's mass, for each torque
     times = shares.greatest.time
-    k = min(range(len(least_shares)), key=lambda k: (least_shares[k], times[k]))  # the earliest one of equal shares
+    # the earliest one of equal shares
+    k = min(range(len(least_shares)), key=lambda index: (least_shares[index], times[index]))
     if not shares.within or not math.isfinite(least_shares[k]):
         return None
     if drives_without_limit(model, effort[:nv], shares.carried[:nv]):

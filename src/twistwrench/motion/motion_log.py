@@ -316,6 +316,7 @@ class MotionLog:
             table = without_times(table, wrong_stamps)
             contradictions = self._contradictions(table, dated=bool(epoch))  # others may show without these rows
         contradictions.runs = [self.motion(run) for run in log_table.excerpts(table, _RUN_COUNT, _ROWS_OF_RUN)]
+        # converted rows, and the same rows in the units of the file
         portions = ((self.motion(table[rows]), table[rows]) for rows in slices(len(table)))
         doubts_about_mimic_joints = mimic_doubts(self.columns.mimic_joints, portions)
         steps = RecordedSteps(self.coordinates, [(run.time, run.q) for run in contradictions.runs])
@@ -392,7 +393,7 @@ class MotionLog:
         -------
         rows : LogRows
         """
-        q, dq, ddq, tau, command = (self.columns.si_values(table, part) for part in PARTS)
+        q, dq, ddq, tau, command = [self.columns.si_values(table, part) for part in PARTS]  # in the order of PARTS
         if tau is not None and self.columns.of_motors:
             for entries, motor_per_joint, _ in self.coordinates.coupled:
                 tau[:, entries] = tau[:, entries] @ motor_per_joint

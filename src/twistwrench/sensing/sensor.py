@@ -164,8 +164,9 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
     Source: Atkeson, An and Hollerbach, "Estimation of inertial parameters of manipulator loads and links", 1986.
     """
     g = np.asarray(gravity, float)
-    V = np.zeros(6) if V is None else np.asarray(V, float)
-    dV = np.zeros(6) if dV is None else np.asarray(dV, float)
+    at_rest = np.zeros(6)
+    V = at_rest if V is None else np.asarray(V, float)
+    dV = at_rest if dV is None else np.asarray(dV, float)
     shape = np.broadcast_shapes(g.shape[:-1], V.shape[:-1], dV.shape[:-1])
     V = np.broadcast_to(V, (*shape, 6))
     w = V[..., :3]

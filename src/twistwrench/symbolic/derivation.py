@@ -264,7 +264,7 @@ def derive(
         remarks=_friction_remark(robot),
         source=model.source,
         # τ = M q̈ + c + g for every robot; rounding errors of cancelled numbers may look like further terms
-        **fields | {"split": True},
+        **(fields | {"split": True}),
     )
     selected = None
     if steps is not None:

@@ -254,9 +254,9 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
     while s < 1.0:
         if len(cells) > _MAX_PIECES:
             raise _search_error(s)
-        arc = next((arc for arc in arcs if arc.low <= s < arc.high), None)
-        reaches_arc = arc is not None and s > 0 and x >= float(arc.at(np.array([s]))[0]) * _MIN_RATIO_AT_ARC
-        if arc is not None and reaches_arc:
+        arcs_at_s = (arc for arc in arcs if arc.low <= s < arc.high)
+        arc = next(arcs_at_s, None)
+        if arc is not None and s > 0 and _reaches(arc, s, x):
             remaining_cells = [cell for cell in arc.cells if cell.high > s + _MIN_LENGTH_DIFFERENCE]
             cells += [cell if cell.low >= s else cell.since(s) for cell in remaining_cells]
             s = arc.high
@@ -272,6 +272,12 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
         s = cell.high
         x = float(cell.x.sum())  # at the high end
     return cells
+
+
+def _reaches(arc: Arc, s: float, x: float) -> bool:
+    """True if x at s reaches an arc."""
+    (x_of_arc,) = arc.at(np.array([s])).tolist()
+    return bool(x >= x_of_arc * _MIN_RATIO_AT_ARC)
 
 
 def _search_error(s: float) -> PathError:

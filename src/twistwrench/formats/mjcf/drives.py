@@ -176,7 +176,9 @@ def _force_range(actuator: Element, settings: Settings) -> Array:
     if has_gain_only and has_active_range(actuator, "ctrllimited", "ctrlrange", settings):
         gain = 1.0
         if kind == "general":
-            gain, *_ = actuator.floats("gainprm", (1.0, *([0.0] * 9)))
+            gain, *_ = actuator.floats(
+                "gainprm", (1.0, *([0.0] * 9))
+            )  # ten numbers, of which a fixed gain uses the first
         control_range = _numbers_of_range(actuator, "ctrlrange")
         force_range = np.sort(gain * control_range)  # a negative gain exchanges the sides
     if has_active_range(actuator, "forcelimited", "forcerange", settings):

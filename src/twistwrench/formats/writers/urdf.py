@@ -41,7 +41,7 @@ class _UrdfWriter:
     def write(self) -> RobotDocument:
         """Text of links in document order, then of joints depth first, and what it cannot represent."""
         parts = self.model_parts
-        world = ""
+        world = ""  # name of the link above a floating root
         if parts.floating:
             world = unused("world", self.link_names)
             self._link(world, SpatialInertia.zero())

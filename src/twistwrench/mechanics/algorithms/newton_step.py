@@ -216,7 +216,7 @@ class NewtonStep:
             z_free = None if z is None else z * is_free
             dq_free = _damped_step(J * is_free, damping, V, z_free)
             is_free = is_free * (1.0 - _exceeds_limits(dq_free, *limits))
-            if round_number == self.rounds - 1:
+            if round_number == self.rounds - 1:  # the last round; without held joints the first step stays
                 dq = np.array([either(any_held, with_held, x) for with_held, x in zip(dq_free, dq, strict=True)])
         max_length = _LONGEST_POSTURE_STEP if self.posture else _LONGEST_STEP
         shortened_dq = dq * (max_length / largest(dq, max_length))

@@ -64,7 +64,8 @@ def mass_com_and_inertia(
     signs = np.where(is_inverted, -1.0, 1.0) * shell_signs
     determinants = signs[shell_of_face] * oriented_determinants
     volume = determinants.sum() / 6.0
-    if not math.isfinite(volume) or not math.cbrt(volume) > _MIN_VOLUME_EDGE * extent:
+    min_edge = _MIN_VOLUME_EDGE * extent
+    if not math.isfinite(volume) or not math.cbrt(volume) > min_edge:
         raise ModelError(f"{name} encloses no volume ({printed(volume, 3)} m³).")
     corner_sums = corners.sum(axis=1)
     h = determinants @ corner_sums / 24.0  # ∫ r

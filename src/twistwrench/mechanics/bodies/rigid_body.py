@@ -52,7 +52,7 @@ def common_frame(known: str | None = None, **values: Any) -> str | None:
         raise FrameError(
             f"{', '.join(descriptions)}: a body's equations hold in one frame. Move one first, with a Pose between them."
         )
-    return next(iter(frames), None)
+    return next(iter(frames), None)  # the only one
 
 
 def numbers(**vectors: Any) -> list[Array]:

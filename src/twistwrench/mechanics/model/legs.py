@@ -271,7 +271,8 @@ class _Stance:
         """True if two branches have equally many joints and nearly the same mass."""
         reference_mass = self._mass(reference)
         mass_difference = abs(self._mass(chain) - reference_mass)
-        return len(chain) == len(reference) and mass_difference <= MAX_MASS_DIFFERENCE * reference_mass
+        is_as_heavy = mass_difference <= MAX_MASS_DIFFERENCE * reference_mass
+        return len(chain) == len(reference) and is_as_heavy
 
     def _hip_offset(self, chain: Chain, up: Array) -> Array:
         """Horizontal vector from the base's centre to a branch's first joint."""

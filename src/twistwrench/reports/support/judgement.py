@@ -83,7 +83,8 @@ def _doubts(found: GroundSupport) -> Iterator[str]:
     if found.balancing.any():
         yield _balancing_doubt(found)
     in_flight = ~found.aground
-    weight = found.robot.model.moving_mass * float(np.linalg.norm(found.robot.model.gravity))
+    model = found.robot.model
+    weight = model.moving_mass * float(np.linalg.norm(model.gravity))
     needed_force = float(found.need[in_flight].max(initial=0.0))
     if needed_force > SHARE * weight and found.sliding is None:
         yield f"no foot is down {_span_text(found.time, in_flight)}, and the base needs {number(needed_force, 3)} N there"

@@ -52,7 +52,7 @@ class SampledSteps(NamedTuple):
 
     def pick(self, index: Any) -> SampledSteps:
         """Steps selected by an array or slice, or a single one by an integer."""
-        return SampledSteps(*(x[index] for x in self))
+        return SampledSteps(*[x[index] for x in self])
 
     @classmethod
     def join(cls, parts: list[SampledSteps]) -> SampledSteps:
@@ -155,12 +155,13 @@ class StepDoubling:
         counts_as_changed = changed.copy()
         if changed.any():
             if changed[0] and self._last_step is not None:
-                self._add_changed(SampledSteps(*(np.asarray(x)[None] for x in self._last_step)))
+                last_step_in_batch = SampledSteps(*[np.asarray(x)[None] for x in self._last_step])
+                self._add_changed(last_step_in_batch)
             counts_as_changed[:-1] |= changed[1:]
             self._add_changed(steps.pick(np.flatnonzero(counts_as_changed)))
         self._last_step = None
         if not counts_as_changed[-1]:
-            self._last_step = SampledSteps(*(x[-1].copy() for x in steps))
+            self._last_step = SampledSteps(*[x[-1].copy() for x in steps])
         self.steps = first + m
 
     def _add_changed(self, steps: SampledSteps) -> None:

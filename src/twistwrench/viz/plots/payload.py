@@ -330,9 +330,8 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
         path_effects=rim,
     )
     for place, colour, size in (((0, 0, 0), style.INK, 6), (tip, style.POINTED, 9)):
-        axis.plot(
-            *np.reshape(place, (3, 1)), "o", color=colour, markersize=size, markeredgecolor=style.PAPER, zorder=11
-        )
+        x, y, z = place
+        axis.plot([x], [y], [z], "o", color=colour, markersize=size, markeredgecolor=style.PAPER, zorder=11)
 
 
 def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
