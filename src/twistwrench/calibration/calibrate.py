@@ -95,7 +95,9 @@ def calibrate(
     """
     arguments.choice(outliers, "outliers", ("trim", "keep"))
     accuracy = length_and_angle(file_accuracy, "file_accuracy")
-    arm = robot if isinstance(robot, Robot) else load(robot)
+    if not isinstance(robot, Robot):
+        robot = load(robot)
+    arm = robot
     causes = [assume] if isinstance(assume, str) else assume
     chain = TipChain.from_robot(arm, tip, causes)
 
@@ -129,7 +131,8 @@ def calibrate(
         if measurement.path:
             files[name] = measurement.path
     configurations = arm.random_configuration(seed, CONFIGURATIONS)
-    without_doubts = CalibratedRobot(arm, fit, file_fit, held_out, (), accuracy, configurations, settings, files)
+    no_doubts = ()
+    without_doubts = CalibratedRobot(arm, fit, file_fit, held_out, no_doubts, accuracy, configurations, settings, files)
     return replace(without_doubts, doubts=tuple(doubts_of(without_doubts)))
 
 

@@ -150,7 +150,8 @@ class TipChain:
     def axes(self) -> Array:
         """(n, 3, 3) axes of turns and shifts, as columns: x, y and z, the nearest of which is replaced by the joint's axis."""
         axes = np.zeros((len(self.bodies), 3, 3))
-        for k, (screw, own_entry) in enumerate(zip(self.screws, self.own, strict=True)):
+        for k, screw in enumerate(self.screws):
+            own_entry = self.own[k]
             half, own_column = divmod(own_entry, 3)  # half 0 of the screw is angular, half 1 linear
             R = np.eye(3)
             R[:, own_column] = screw.reshape(2, 3)[half]
@@ -278,7 +279,7 @@ class TipChain:
         for placement, displacement, motion in zip(self.placements, self.bends(at), motions, strict=True):
             file_poses.append(T @ placement)
             joint_poses.append(T @ (placement @ displacement))
-            T = joint_poses[-1] @ motion
+            T = joint_poses[-1] @ motion  # of the joint's moving link
         turns, shifts = self.turns_and_shifts(at)
         points = self.centres + shifts  # of the axes about which D_k turn, after their shifts
         twists = _displacement_columns(np.array(file_poses), points[:, None], turns[:, None], self.axes[:, None])
@@ -323,7 +324,8 @@ def _displacement_columns(T: Array, point: Array, turn: Array, axes: Array) -> A
     """
     R = T[..., :3, :3]
     angular = R @ (np.asarray(so3.left_jacobian(turn)) @ axes)
-    p = T[..., :3, 3] + (R @ point[..., None])[..., 0]  # the point in the base frame
+    rotated_point = R @ point[..., None]
+    p = T[..., :3, 3] + rotated_point[..., 0]  # the point in the base frame
     columns = np.zeros((*T.shape[:-2], 6, 6))
     columns[..., :3, :3] = angular
     columns[..., 3:, :3] = so3.hat(p) @ angular  # [p] ω

@@ -76,12 +76,15 @@ class MeasuredTarget(ABC):
 def _nearest_rotation(M: Array) -> Array:
     """Rotation R with the largest trace of R' M."""
     U, _, V = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V)
+    determinant = np.linalg.det(U @ V)  # -1 if U V mirrors; then the least singular direction is reversed
+    return np.asarray(U @ np.diag([1.0, 1.0, determinant]) @ V)
 
 
 def rigid_motion(points: Array, places: Array) -> Array:
     """Pose (4, 4) that brings points (n, 3) nearest to places (n, 3). Source: Kabsch, Acta Cryst. A32, 1976."""
-    covariance = (places - places.mean(0)).T @ (points - points.mean(0))
+    centred_places = places - places.mean(0)
+    centred_points = points - points.mean(0)
+    covariance = centred_places.T @ centred_points
     R = _nearest_rotation(covariance)
     p = (places - points @ R.T).mean(axis=0)
     return np.asarray(se3.pose(R, p))
@@ -158,7 +161,8 @@ def turn_of_target(measured: Array, tip_rotations: Array) -> Array:
     if eigenvalues[1] < _MIN_EIGENVALUE_RATIO * eigenvalues[-1]:
         return identity
     scaled_inverse = eigenvectors[:9, 0].reshape(3, 3)  # R' times an unknown factor, of either sign
-    inverse = _nearest_rotation(scaled_inverse * np.sign(np.linalg.det(scaled_inverse)))
+    sign = np.sign(np.linalg.det(scaled_inverse))  # of the factor, as rotations have the determinant 1
+    inverse = _nearest_rotation(scaled_inverse * sign)
     return inverse.T
 
 
@@ -240,10 +244,15 @@ class TouchTarget(MeasuredTarget):
         """Each target by a linear fit."""
         labels = given.target_names
         p = T[:, :3, 3]
-        x = np.array([cls.start(p[given.target_index == k]) for k in range(len(labels))])
-        if len(labels) == 1:
-            return cls(given, x, cls.words)
-        return cls(given, x, tuple(f"{label}.{word}" for label in labels for word in cls.words))
+        starts = []
+        for k in range(len(labels)):
+            touched_points = p[given.target_index == k]
+            starts.append(cls.start(touched_points))
+        x = np.array(starts)
+        names = cls.words
+        if len(labels) > 1:
+            names = tuple(f"{label}.{word}" for label in labels for word in cls.words)
+        return cls(given, x, names)
 
     @staticmethod
     @abstractmethod
@@ -251,7 +260,10 @@ class TouchTarget(MeasuredTarget):
         """Unknowns of one target from touched points (m, 3)."""
 
     def spread(self, own: Array) -> Array:
-        """Derivatives (m, r, k) by the unknowns of all targets; ``own`` are by the unknowns of each reading's target."""
+        """Derivatives (m, r, k) by the unknowns of all targets.
+
+        ``own`` (m, r, unknowns) are derivatives of each reading by the unknowns of its own target.
+        """
         target_count, unknown_count = self.x.shape
         by_targets = np.zeros((*own.shape[:2], target_count, unknown_count))
         by_targets[np.arange(len(own)), :, self.given.target_index] = own
@@ -290,8 +302,9 @@ class PointTarget(TouchTarget):
         difference = self.x[0] - self.x[1]
         distance = float(np.linalg.norm(difference))
         u = difference / max(distance, _MIN_DISTANCE)
-        by_other_targets = np.zeros(self.x.size - 6)
-        return distance - self.given.length, np.zeros(J.shape[2]), np.concatenate([u, -u, by_other_targets])
+        by_other_targets = np.zeros(self.x.size - 6)  # 6 unknowns of the two points
+        own = np.concatenate([u, -u, by_other_targets])
+        return distance - self.given.length, np.zeros(J.shape[2]), own
 
 
 class PlaneTarget(TouchTarget):
@@ -310,7 +323,7 @@ class PlaneTarget(TouchTarget):
         axis = np.asarray(so3.cross([0.0, 0.0, 1.0], n))
         sine = float(np.linalg.norm(axis))
         unit_axis = np.array([1.0, 0.0, 0.0])  # of any half turn, if n is along z
-        if sine > 1e-12:
+        if sine > 1e-12:  # above rounding errors
             unit_axis = axis / sine
         rotation = np.arctan2(sine, n[2]) * unit_axis
         return np.array([*rotation[:2], n @ centre])
@@ -318,8 +331,10 @@ class PlaneTarget(TouchTarget):
     def normals(self) -> tuple[Array, Array]:
         """Unit normals (targets, 3), and their derivatives (targets, 3, 2) by the two components of the rotation."""
         w = np.c_[self.x[:, :2], np.zeros(len(self.x))]
-        n = np.asarray(so3.exp(w))[:, :, 2]
-        return n, (-so3.hat(n) @ so3.left_jacobian(w))[:, :, :2]
+        R = np.asarray(so3.exp(w))
+        n = R[:, :, 2]
+        n_by_w = -so3.hat(n) @ so3.left_jacobian(w)
+        return n, n_by_w[:, :, :2]
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Height of the tip above its plane."""
@@ -341,10 +356,10 @@ class PlaneTarget(TouchTarget):
         centre_columns = point_columns(T[on_second_plane], J[on_second_plane]).mean(axis=0)
         n, n_by_rotation = self.normals()
         height = float(n[0] @ centre - self.x[0, 2])
-        sign = 1.0 if height > 0 else -1.0
+        side = 1.0 if height > 0 else -1.0  # 1 if the second plane is above the first
         own = np.zeros(self.x.size)
-        own[:3] = [*(centre @ n_by_rotation[0]), -1.0]
-        return abs(height) - self.given.length, sign * (n[0] @ centre_columns), sign * own
+        own[:3] = [*(centre @ n_by_rotation[0]), -1.0]  # by the unknowns of the first plane
+        return abs(height) - self.given.length, side * (n[0] @ centre_columns), side * own
 
 
 class SphereTarget(TouchTarget):
@@ -364,7 +379,8 @@ class SphereTarget(TouchTarget):
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Distance of the tip from the centre of its sphere, less the radius."""
         sphere_of_reading = self.x[self.given.target_index]
-        centres, radii = sphere_of_reading[:, :3], sphere_of_reading[:, 3]
+        centres = sphere_of_reading[:, :3]
+        radii = sphere_of_reading[:, 3]
         distances, u = _distances_and_directions(T[:, :3, 3] - centres)
         own = np.concatenate([-u, -np.ones((len(u), 1, 1))], axis=2)
         return ReadingRows((distances - radii)[:, None], u @ point_columns(T, J), self.spread(own))
@@ -375,7 +391,8 @@ class SphereTarget(TouchTarget):
             return None
         own = np.zeros(self.x.size)
         own[3] = 2.0  # by the radius of the first sphere
-        return float(2.0 * self.x[0, 3] - self.given.length), np.zeros(J.shape[2]), own
+        residual = float(2.0 * self.x[0, 3] - self.given.length)
+        return residual, np.zeros(J.shape[2]), own
 
 
 TARGETS: dict[str, type[FrameTarget | CentreTarget | PairTarget | TouchTarget]] = {

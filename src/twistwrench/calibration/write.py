@@ -68,8 +68,9 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
         calibrated_pose = _placement(calibrated.model, link, parent)
         if np.abs(calibrated_pose - file_pose).max() > _MAX_UNCHANGED_ENTRY:
             robot_text.write_pose(changes, link, calibrated_pose, _REASON)
-    comment = f"{SIGNATURE} {__version__}, {date.today().isoformat()}: {summary}".replace("--", "- -")  # as XML demands
-    changes.add(file.root, f"<!-- {comment} -->")
+    comment = f"{SIGNATURE} {__version__}, {date.today().isoformat()}: {summary}"
+    xml_comment = comment.replace("--", "- -")  # XML forbids -- inside a comment
+    changes.add(file.root, f"<!-- {xml_comment} -->")
     text = changes.apply(file.text)
     difference = _difference(text, calibrated, links, source)
     if not difference <= _MAX_POSE_DIFFERENCE:

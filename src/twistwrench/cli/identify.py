@@ -82,7 +82,7 @@ def parse_known(texts: Sequence[str], flag: str = "--known") -> dict[str, float]
     """
     known = dict[str, float]()
     for text in texts:
-        name, equals_sign, value = (part.strip() for part in text.rpartition("="))
+        name, equals_sign, value = map(str.strip, text.rpartition("="))
         owner, _, kind = name.rpartition(".")  # link or joint, and kind of parameter
         if kind == "mass":
             kind = "m"
@@ -298,14 +298,17 @@ def _plan_files(
             click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
         outputs.leave_out_all_but("--json", "--plot")
         return
-    actuator_entries: Mapping[str, object] | None = None if robot.drives is None else robot.drives.entries
+    actuator_entries: Mapping[str, object] | None = None
+    if robot.drives is not None:
+        actuator_entries = robot.drives.entries
     log_names = []  # without folders
     for log in logs:
         file_names = [Path(part).name for part in log.split("+")]
         log_names.append("+".join(file_names))
 
     def write_both(found: Identified, path: str) -> None:
-        if path != (robot_path or actuators_path):  # called for each of both paths; the first call writes both
+        first_path = robot_path or actuators_path
+        if path != first_path:  # called for each of both paths; the first call writes both
             return
         options: dict[str, Any] = {}
         if isinstance(found, IdentifiedRobot):

@@ -50,17 +50,18 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, FunctionParameter]:
     FunctionParameter(name='clearance', annotation='Metres', default=None, text='Check the least distance between links [m].')
     """
     descriptions = _descriptions(inspect.getdoc(function) or "")
-    signature = inspect.signature(function).parameters
+    signature_parameters = inspect.signature(function).parameters
     parameters = {}
-    for name, parameter in signature.items():
+    for name, parameter in signature_parameters.items():
         annotation = str(parameter.annotation).removesuffix(" | None")
-        text = _with_flags(descriptions.get(name, ""), signature)
+        text = _with_flags(descriptions.get(name, ""), signature_parameters)
         parameters[name] = FunctionParameter(name, annotation, parameter.default, text)
     return parameters
 
 
 def _descriptions(docstring: str) -> dict[str, str]:
     """Description of each parameter: its indented lines, or, without such lines, the words after its type."""
+    # from the underlined heading to the next empty line
     section = re.search(r"^Parameters\n-+\n(.*?)(?:\n\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
     if section is None:
         return {}
@@ -68,7 +69,9 @@ def _descriptions(docstring: str) -> dict[str, str]:
     for entry in re.split(r"\n(?=\S)", section[1]):  # an entry begins with each line that is not indented
         first_line, *indented_lines = entry.split("\n")
         names, _, type_and_words = first_line.partition(" : ")
-        words = " ".join(map(str.strip, indented_lines)) or _without_type(type_and_words)
+        words = _without_type(type_and_words)
+        if indented_lines:
+            words = " ".join(map(str.strip, indented_lines))
         description = re.sub(r":\w+:`(?:[^`<]*<)?~?([^`>]*)>?`", r"\1", words)  # a role of Sphinx becomes its name
         if description:
             description = f"{description[:1].upper()}{description[1:].rstrip('.')}."
@@ -92,7 +95,8 @@ def _without_type(type_and_words: str) -> str:
     _, separator, words = type_and_words.partition(", optional, ")
     if separator:
         return words
-    return type_and_words.partition(", ")[2]
+    _, _, words = type_and_words.partition(", ")
+    return words
 
 
 # ── Forms of options, by annotation
@@ -140,7 +144,13 @@ def _entries(texts: Iterable[str]) -> list[str]:
 def _positions(texts: Iterable[str], flag: str) -> dict[str, float]:
     """Position of each joint, from texts such as ``gripper=0.02``."""
     text_by_joint = assignments(_entries(texts), flag, "JOINT=VALUE, for example gripper=0.02")
-    return {joint: parse_numbers(text, f"{flag} {joint}", "a number", 1)[0] for joint, text in text_by_joint.items()}
+    return {joint: _number(text, f"{flag} {joint}", "a number") for joint, text in text_by_joint.items()}
+
+
+def _number(text: str, flag: str, form: str) -> float:
+    """Single number of a text; ``form`` describes the text in messages."""
+    (number,) = parse_numbers(text, flag, form, 1)
+    return number
 
 
 def _macro_arguments(texts: Sequence[str], flag: str) -> dict[str, str]:
@@ -162,9 +172,9 @@ def _coefficients(texts: Sequence[str], flag: str) -> float | dict[str, float]:
     form = "a number, or FRAME=NUMBER for each frame, for example 0.7"
     entries = ",".join(texts).split(",")
     if len(entries) == 1 and "=" not in entries[0]:
-        return parse_numbers(entries[0], flag, form, 1)[0]
+        return _number(entries[0], flag, form)
     text_by_frame = assignments(entries, flag, form)
-    return {frame: parse_numbers(text, f"{flag} {frame}", form, 1)[0] for frame, text in text_by_frame.items()}
+    return {frame: _number(text, f"{flag} {frame}", form) for frame, text in text_by_frame.items()}
 
 
 def _contact_source(texts: Sequence[str], flag: str) -> str | dict[str, str]:
@@ -186,7 +196,7 @@ _KINDS = {
     "int": Kind("N", settings={"type": int}),
     "float": Kind("VALUE", settings={"type": float}),
     "Seconds": Kind("SECONDS", settings={"type": Seconds()}),
-    "Metres": Kind("[DISTANCE]", settings={"type": float, "is_flag": False, "flag_value": 0.0}),
+    "Metres": Kind("[DISTANCE]", settings={"type": float, "is_flag": False, "flag_value": 0.0}),  # 0 without a distance
     "Hours": Kind("HOURS", settings={"type": float}),
     "Celsius": Kind("CELSIUS", settings={"type": float}),
     "Frame": Kind("FRAME"),
@@ -362,8 +372,8 @@ class Question:
         if choices:
             settings["choices"] = choices
             annotation = self._type(parameter)
-            is_union = get_args(annotation) and get_origin(annotation) is not Literal
-            if is_union:  # of a Literal and a sequence of it
+            is_union_with_sequence = bool(get_args(annotation)) and get_origin(annotation) is not Literal
+            if is_union_with_sequence:
                 settings |= REPEATED
         else:
             assert kind is not None, parameter

@@ -86,8 +86,9 @@ class JointLaw:
             )
         kp = np.diagonal(self._kp)
         kd = np.diagonal(self._kd)
-        are_diagonal = np.array_equal(self._kp, np.diag(kp)) and np.array_equal(self._kd, np.diag(kd))
-        if not are_diagonal:
+        is_kp_diagonal = np.array_equal(self._kp, np.diag(kp))
+        is_kd_diagonal = np.array_equal(self._kd, np.diag(kd))
+        if not (is_kp_diagonal and is_kd_diagonal):
             raise ValueRangeError(
                 f"{law_name}: gains of a rollout are a number for each joint, and these couple joints. "
                 "robot.simulate takes them."

@@ -113,7 +113,8 @@ class TwistWrenchError(Exception):
         if not all(isinstance(argument, Argument) for argument in arguments):
             return bounded_message(visible(super().__str__()))
         # not super().__str__(), which for a KeyError is the repr of its text, with quotes and escapes
-        return bounded_message(visible(with_arguments(str(text), arguments, shell=shell)))
+        message = with_arguments(str(text), arguments, shell=shell)
+        return bounded_message(visible(message))
 
 
 class ModelError(TwistWrenchError, ValueError):

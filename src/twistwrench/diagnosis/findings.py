@@ -198,7 +198,8 @@ class Effects:
             frame = self.model.frames[link]
             if frame.body == BASE:
                 continue
-            change = (inertia - self.model.link_inertias[link]).in_frame(frame.pose)
+            change_in_link = inertia - self.model.link_inertias[link]
+            change = change_in_link.in_frame(frame.pose)  # in the body's frame
             earlier_change = pseudo_inertia_changes.get(frame.body, 0.0)
             pseudo_inertia_changes[frame.body] = earlier_change + change.pseudo_inertia
         if not pseudo_inertia_changes:
@@ -213,25 +214,25 @@ class Effects:
         names = [self.model.velocity_names[k] for k in velocities]
         effect = Effect()
         M = self.diagonal[:, velocities]
-        # above rounding errors, as a repair may leave almost no inertia
+        # above rounding errors, as a repair may leave almost no inertia; and above zero, as a divisor
         rounding_errors = _MAX_ROUNDING_ERROR * np.maximum(np.abs(M), np.abs(dM)) + 1e-300
         repaired_M = np.maximum(M + dM, rounding_errors)
         inertia_percents = 100.0 * (np.abs(dM) / repaired_M).max(axis=0)
-        most_changed = int(inertia_percents.argmax())
-        max_percent = float(inertia_percents[most_changed])
+        largest_inertia_index = int(inertia_percents.argmax())
+        max_percent = float(inertia_percents[largest_inertia_index])
         if max_percent > 100.0 * _MAX_ROUNDING_ERROR:
-            effect = replace(effect, inertia_percent=max_percent, inertia_joint=names[most_changed])
+            effect = replace(effect, inertia_percent=max_percent, inertia_joint=names[largest_inertia_index])
         torques = np.abs(dg).max(axis=0)
-        most_torque = int(torques.argmax())
-        max_torque = float(torques[most_torque])
+        largest_torque_index = int(torques.argmax())
+        max_torque = float(torques[largest_torque_index])
         largest_gravity_torque = np.abs(self.gravity_torques).max(initial=0.0)
         if max_torque > _MAX_ROUNDING_ERROR * largest_gravity_torque:
-            effect = replace(effect, torque=max_torque, torque_joint=names[most_torque])
+            effect = replace(effect, torque=max_torque, torque_joint=names[largest_torque_index])
             effort_percents = self._effort_percents(torques, velocities)
-            most_effort = int(effort_percents.argmax())
-            max_effort_percent = float(effort_percents[most_effort])
+            largest_effort_index = int(effort_percents.argmax())
+            max_effort_percent = float(effort_percents[largest_effort_index])
             if max_effort_percent > 0:
-                effect = replace(effect, effort_percent=max_effort_percent, effort_joint=names[most_effort])
+                effect = replace(effect, effort_percent=max_effort_percent, effort_joint=names[largest_effort_index])
         return effect
 
     def _effort_percents(self, torques: Array, velocities: Array) -> Array:
@@ -281,7 +282,9 @@ class Effects:
                 g[k] = g.get(k, 0.0) - AJ[:, :3, 3] @ self.model.gravity
         shape = (-1, self.count)  # also without any velocity
         velocities = np.array(list(M), int)
-        return velocities, np.reshape([*M.values()], shape).T, np.reshape([*g.values()], shape).T
+        diagonal = np.reshape([*M.values()], shape).T
+        gravity_torques = np.reshape([*g.values()], shape).T
+        return velocities, diagonal, gravity_torques
 
     def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
         """Index of each velocity that moves a body, with the twist (count, 4, 4) of the body at unit velocity."""

@@ -57,7 +57,8 @@ class _Copy:
 def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
     """Findings on links whose frames are mirror images at zero, but not their masses, centres of mass or tensors."""
     for pair in symmetric_links(robot):
-        left, right = pair.left.written, pair.right.written
+        left = pair.left.written
+        right = pair.right.written
         if left is None or right is None:
             continue
         if not (left.mass > 0 and right.mass > 0):
@@ -169,7 +170,8 @@ def _parts_are_mirror_images(pair: SymmetricLinks) -> bool:
 
     If all shapes were read, their boxes must also be mirrored.
     """
-    left, right = pair.left, pair.right
+    left = pair.left
+    right = pair.right
     left_files, left_signs = _meshes(left)
     right_files, right_signs = _meshes(right)
     if not left_files or not right_files:

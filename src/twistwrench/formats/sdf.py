@@ -220,11 +220,13 @@ def expand_model(model: Element) -> SdfModel:
             default_reference = model_frame  # the format's default of relative_to
             attached_to = name
             if child.tag == "joint":
-                default_reference = attached_to = scope + _name_at_end(child, "child")
+                attached_to = scope + _name_at_end(child, "child")
+                default_reference = attached_to
                 expanded.joints[name] = child
             elif child.tag == "frame":
                 target = child.attributes.get("attached_to", "").strip()
-                default_reference = attached_to = _scoped_frame(target or MODEL, scope)
+                attached_to = _scoped_frame(target or MODEL, scope)
+                default_reference = attached_to
                 expanded.named[name] = child
             elif child.tag == "link":
                 expanded.links[name] = child
@@ -294,7 +296,10 @@ def read_sdf(
 
 
 def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | None]:
-    """Model of a file by name, and the world that contains it, or None; by default the only model that can move."""
+    """Model of a file by name, and the world that contains it; by default the only model that can move.
+
+    The world is None for a model outside of worlds.
+    """
     models: list[tuple[Element, Element | None]] = [(model, None) for model in root.all("model")]
     for world in root.all("world"):
         models += [(model, world) for model in world.all("model")]
@@ -347,7 +352,9 @@ class _SdfReader:
                 raise link.error("has the name of the world itself. Rename it.")
             has_shape = bool(link.all("visual") or link.all("collision"))
             builder.add_link(name, self._inertia(link), where=link.place, shaped=has_shape)
-        child_links = {self._add_joint(name, joint) for name, joint in self.parts.joints.items()}
+        child_links: set[str] = set()
+        for name, joint in self.parts.joints.items():
+            child_links.add(self._add_joint(name, joint))
         for element in self.model.walk():
             if element.tag == "drake:joint":
                 raise element.error("is an extension of Drake's, which is not read. Write it as a <joint>.")

@@ -222,7 +222,8 @@ def _mesh_candidates(uri: str, robot_file: Path) -> Iterator[tuple[Path, Sequenc
     scheme = next((s for s in _PACKAGE_SCHEMES if uri.startswith(s)), None)
     folders_above = _folders_around(robot_file)
     if scheme is not None:
-        package, _, path_in_package = unquote(uri[len(scheme) :]).lstrip("/").partition("/")
+        path = unquote(uri[len(scheme) :]).lstrip("/")
+        package, _, path_in_package = path.partition("/")
         normal_path = Path(os.path.normpath(path_in_package))
         leaves_package = normal_path.is_absolute() or ".." in normal_path.parts
         if not path_in_package or package in ("", ".", "..") or leaves_package:
@@ -255,8 +256,10 @@ def _package_folder(folders: Sequence[Path]) -> Path:
     for folder in folders:
         if any((folder / name).is_file() for name in _PACKAGE_FILES):
             return folder
-    parent_index = min(1, len(folders) - 1)
-    return folders[parent_index]
+    own_folder, *folders_above = folders
+    if folders_above:
+        return folders_above[0]
+    return own_folder
 
 
 def _ros_folders() -> list[Path]:

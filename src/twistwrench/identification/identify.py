@@ -176,17 +176,14 @@ def identify(
     check_strength(keep_close)
     logs = log_paths(logs, bundle_name)
     test = log_paths(test, bundle_name)
-    if method not in METHODS:
-        raise UnknownNameError.from_choices("method", method, METHODS)
+    _check_method(method)
     options = fit_options(cutoff, friction_speed, shift)
     may_fit_laws = assume not in ("none", ["none"], ("none",))
     causes = wanted_causes(assume, robot.model.velocity_names) if may_fit_laws else ()
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "side": motor_side}
     reading |= {"topic": topic, "episode": episode}
-    training_sources = log_sources(robot, logs, "logs", reading)
+    training_sources = _training_sources(robot, logs, reading)
     sources = (*training_sources, *log_sources(robot, test, "test", reading))
-    if not training_sources:
-        raise ShapeError("identify: there is no log. Give one with torques at least.")
     unknown = unknown_of(
         robot, motor_inertia=motor_inertia, friction=friction, motor_side=motor_side, known=known,
         payload_only=payload_only, stribeck_speed=stribeck_speed,
@@ -205,6 +202,20 @@ def identify(
         found = _better_with(laws, found, with_laws)
     report_progress(1.0)
     return _with_thresholds(replace(found, strength=keep_close, logs=_files(*logs, *test)), training_logs, thresholds)
+
+
+def _check_method(method: str) -> None:
+    """Raise UnknownNameError for an unknown method of least squares."""
+    if method not in METHODS:
+        raise UnknownNameError.from_choices("method", method, METHODS)
+
+
+def _training_sources(robot: Robot, logs: Sequence[Log], reading: Mapping[str, Any]) -> tuple[LogSource, ...]:
+    """Sources of the logs that are fitted; raises ShapeError if there are none."""
+    sources = log_sources(robot, logs, "logs", reading)
+    if not sources:
+        raise ShapeError("identify: there is no log. Give one with torques at least.")
+    return sources
 
 
 def _robot_with_name(robot: Robot | str | Path) -> tuple[Robot, str]:
@@ -317,13 +328,17 @@ def _identify_once(
         unknown, samples, is_dead, options, method, assumed_causes, partial(_report_fit, report_progress),
         needs_folds=not test_logs,
     )  # fmt: skip
-    rows, prior, base = chosen.rows, chosen.prior, chosen.rows.base
+    rows = chosen.rows
+    prior = chosen.prior
+    base = rows.base
     rows.release()
     trial = Trial(rows, chosen.settings)
     x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
     settings, covariance = _with_covariance(chosen, trial, x, sigma, weights)
     five_fold = _five_fold(rows, prior, method, chosen.without_fifth)
-    held_out = _predict_tests(rows, test_logs, settings, x, chosen.assumed) if test_logs else five_fold
+    held_out = five_fold
+    if test_logs:
+        held_out = _predict_tests(rows, test_logs, settings, x, chosen.assumed)
     report_progress(_SHARE_BEFORE_CAUSES)
     causes: list[Doubt] = []
     laws: tuple[WantedCause, ...] = ()
@@ -341,23 +356,14 @@ def _identify_once(
     )  # fmt: skip
     report_progress(1.0)
     found = IdentifiedRobot(
-        original=without_coupled_motors(robot),
-        base=base,
-        values=x,
-        covariance=covariance,
-        sigma=sigma,
-        settings=settings,
-        held_out=held_out,
-        trained=five_fold,
+        original=without_coupled_motors(robot), base=base, values=x, covariance=covariance, sigma=sigma,
+        settings=settings, method=method, prior=prior, sizes=chosen.sizes,
+        held_out=held_out, trained=five_fold, _fifths=fifths,
         doubts=sorted_doubts([*read_doubts, *doubts_of(fitted)]),
-        prior=prior,
-        method=method,
-        sizes=chosen.sizes,
-        _fifths=fifths,
         payload_frame=payload_only,
         notes=(*_assumed_notes(settings), *_remarks(fitted.logs)),
         torque_shares=fitted.torque_shares,
-    )
+    )  # fmt: skip
     return found, laws
 
 
@@ -471,7 +477,8 @@ def _chosen_settings(
     if assumed_causes:
         initial_settings = begin_settings(unknown.model.nv, samples, options)
         initial_causes = AssumedCauses.from_logs(unknown, samples, assumed_causes, initial_settings, is_dead)
-        assumed, settings, (rows, sizes, prior) = initial_causes.refine(build, method, MOST_ROWS)
+        assumed, settings, rows_sizes_and_prior = initial_causes.refine(build, method, MOST_ROWS)
+        rows, sizes, prior = rows_sizes_and_prior
         without_fifth = [settings] * FOLDS
         if needs_folds:
             without_fifth = rows.choose(prior, others_of_fifth, progress)
@@ -597,7 +604,8 @@ def _remarks(logs: Sequence[ReadLog]) -> tuple[str, ...]:
 
 def _three_digits(count: int) -> str:
     """Number with three digits and separators of thousands."""
-    return f"{round(count, 3 - len(str(count))):,}"
+    digit_count = len(str(count))
+    return f"{round(count, 3 - digit_count):,}"
 
 
 def _dead_torques(logs: Sequence[ReadLog]) -> Array:
@@ -606,7 +614,8 @@ def _dead_torques(logs: Sequence[ReadLog]) -> Array:
     For a joint that moves, it is enough if the torque is constant in nearly all rows.
     """
     tau = np.concatenate([log.tau for log in logs])
-    has_moved = np.any([(np.diff(log.q, axis=0) != 0).any(axis=0) for log in logs], axis=0)
+    moves_in_logs = [(np.diff(log.q, axis=0) != 0).any(axis=0) for log in logs]
+    has_moved = np.any(moves_in_logs, axis=0)
     constant_share = (tau == np.median(tau, axis=0)).mean(axis=0)
     is_constant = np.ptp(tau, axis=0) == 0
     return np.asarray(is_constant | (has_moved & (constant_share > _MAX_CONSTANT_ROWS)))

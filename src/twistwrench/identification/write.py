@@ -78,8 +78,8 @@ def written_robot(original: Robot, found: ConsistentRobot, comment: str) -> Writ
     drives = _drives(found)
     written_drives = drives
     deviations = file.deviations(comment, written_drives, drives)
-    is_too_large = any(max(deviation_by_joint.values()) > 0 for deviation_by_joint in deviations.values())
-    if is_too_large:  # actuators of the file add a part when it is read: write less
+    largest_deviations = [max(deviation_by_joint.values()) for deviation_by_joint in deviations.values()]  # by kind
+    if max(largest_deviations, default=0.0) > 0:  # actuators of the file add a part when it is read: write less
         written_drives = _without_stored_part(drives, deviations)
         deviations = file.deviations(comment, written_drives, drives)
     missing: dict[str, dict[str, float]] = {}
@@ -208,7 +208,8 @@ def _link_inertias(found: ConsistentRobot, folded_share: float) -> tuple[dict[st
     model = found.base.unknown.model
     link_inertias: dict[str, SpatialInertia] = {}
     folded_links: list[str] = []
-    for i, (body, body_inertia) in enumerate(zip(model.bodies, found.inertias, strict=True)):
+    for i, body in enumerate(model.bodies):
+        body_inertia = found.inertias[i]
         if body.link not in model.link_inertias:
             continue  # massless body between two joints of one link
         poses: dict[str, Array] = {}
@@ -307,14 +308,15 @@ def check_written(found: ConsistentRobot) -> list[str]:
     """
     model = found.base.unknown.model
     for body, G in zip(model.bodies, found.inertias, strict=True):
-        defects = G.defects() if body.link in model.link_inertias else []
-        if defects:
+        defects = G.defects()
+        if defects and body.link in model.link_inertias:  # other bodies are massless, between two joints of one link
             raise ValueRangeError(f"the body of {body.link!r} cannot exist: {'; '.join(defects)}. Nothing is written.")
     q = _random_configurations(found.robot, np.random.default_rng(0))
     eigenvalues = np.linalg.eigvalsh(found.robot.mass_matrix(q))
     if eigenvalues.min() <= 0:
         raise ValueRangeError("the mass matrix is not positive at some configuration. Nothing is written.")
-    if found.held_out > max(_MAX_RATIO_TO_FILE * found.of_file, found.of_file + _MAX_INCREASE):
+    max_residual = max(_MAX_RATIO_TO_FILE * found.of_file, found.of_file + _MAX_INCREASE)
+    if found.held_out > max_residual:
         raise ValueRangeError(
             f"rows held out are explained to {percent(found.held_out, 3)}, and to {percent(found.of_file, 3)} by the file's "
             "own bodies with friction. Nothing is written."
@@ -394,8 +396,8 @@ def _check_writable(found: IdentifiedRobot, actuators: str | Path | None, *, for
         raise ValueRangeError(
             "a payload alone is not a robot to write. Take found.payload, or with_payload of the robot."
         )
-    side = found.base.unknown.motor_side
-    if actuators is not None and side is not None and side.names:
+    motor_side = found.base.unknown.motor_side
+    if actuators is not None and motor_side is not None and motor_side.names:
         raise ValueRangeError(f"actuators: {OF_COUPLED_MOTORS}. found.to_dict() has the results.")
 
 

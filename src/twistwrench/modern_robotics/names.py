@@ -31,7 +31,8 @@ def named(target: Callable[..., Any], equation: str, result: str, *checks: Check
 
     def decorate(declared: Declared) -> Declared:
         labels = [f"{declared.__name__}: {name}" for name in inspect.signature(declared).parameters]
-        first_check, first_label = checks[0], labels[0]
+        first_check = checks[0]
+        first_label = labels[0]
 
         def evaluate_one(values: tuple[Any, ...]) -> Any:
             """Result for one argument, the usual case; a loop would double the time of a call."""
@@ -79,5 +80,6 @@ def _book_function(
         return evaluate(values)
 
     returns = result or RETURNS[declared.__annotations__["return"]]  # by default the glossary's entry for the type
-    function.__doc__ = f"{(declared.__doc__ or '').rstrip('.')} (MR {equation}).\n\nReturns\n-------\n{returns}\n"
+    sentence = (declared.__doc__ or "").rstrip(".")
+    function.__doc__ = f"{sentence} (MR {equation}).\n\nReturns\n-------\n{returns}\n"
     return function  # type: ignore[return-value]

@@ -117,7 +117,8 @@ def drives_without_limit(model: Model, effort: ArrayLike, peaks: ArrayLike) -> l
 def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
     """Names of driven joints whose velocity limit is missing or implausibly large."""
     is_angular = Coordinates.from_model(model).angular_velocity
-    is_unknown = ~np.isfinite(known_velocities(limits.velocity, is_angular))
+    velocities = known_velocities(limits.velocity, is_angular)
+    is_unknown = ~np.isfinite(velocities)
     return np.array(model.velocity_names, object)[driven_entries(model) & is_unknown].tolist()
 
 
@@ -468,7 +469,8 @@ def reach(model: Model) -> float:
         stroke = 0.0
         if slides:
             k = body.v_index
-            largest_position = np.maximum(np.abs(model.limits.lower[k]), np.abs(model.limits.upper[k]))
+            position_limits = [model.limits.lower[k], model.limits.upper[k]]
+            largest_position = np.abs(position_limits).max()
             stroke = abs(body.ratio) * float(largest_position)
         distance_from_parent = float(np.linalg.norm(body.placement[:3, 3]))
         distances[i] = distances[body.parent] + distance_from_parent + stroke
@@ -587,8 +589,9 @@ class PayloadShares(NamedTuple):
     @classmethod
     def from_parts(cls, parts: Sequence[PayloadShares]) -> PayloadShares:
         """Figures of consecutive rows from those of their parts."""
-        greatest, carried, within = zip(*parts, strict=True)
-        return cls(Extrema.merge(greatest), np.max(carried, axis=0), all(within))
+        greatest = Extrema.merge([part.greatest for part in parts])
+        carried = np.max([part.carried for part in parts], axis=0)
+        return cls(greatest, carried, within=all(part.within for part in parts))
 
 
 def margin_determined(load: LoadCase) -> bool:
@@ -611,7 +614,9 @@ def payload_shares(load: LoadCase, effort: Array, time: Array, torques: Array, c
     carries_payload = np.abs(carried) > least_torque
     shares = np.where(carries_payload & ~np.isnan(shares_at_limit), shares_at_limit, np.inf)
     within = bool((np.abs(torques_without_payload) <= effort).all())
-    return PayloadShares(Extrema.from_rows(time, -shares, shares), np.abs(carried).max(axis=0, initial=0.0), within)
+    greatest = Extrema.from_rows(time, -shares, shares)
+    largest_carried = np.abs(carried).max(axis=0, initial=0.0)
+    return PayloadShares(greatest, largest_carried, within)
 
 
 def _with_followers(load: LoadCase, effort: Array) -> Array:
@@ -627,14 +632,16 @@ def payload_margin(load: LoadCase, effort: Array, shares: PayloadShares) -> Payl
     nv = load.robot.nv
     least_shares = -shares.greatest.value  # of the payload's mass, for each torque
     times = shares.greatest.time
-    k = min(range(len(least_shares)), key=lambda k: (least_shares[k], times[k]))  # the earliest one of equal shares
+    # the earliest one of equal shares
+    k = min(range(len(least_shares)), key=lambda index: (least_shares[index], times[index]))
     if not shares.within or not math.isfinite(least_shares[k]):
         return None
     if drives_without_limit(model, effort[:nv], shares.carried[:nv]):
         return None
     follower_names = [model.bodies[i].joint.name for i in model.limited_followers]
-    joint = [*model.drive_labels, *follower_names][k]
-    payload = load.payloads[0]
+    joint_names = [*model.drive_labels, *follower_names]
+    joint = joint_names[k]
+    payload = load.payloads[0]  # the only one
     frame = payload.frame or model.tip or ""
     return PayloadMargin(float(least_shares[k]) * payload.mass, joint, float(times[k]), frame)
 

@@ -94,7 +94,8 @@ def base_doubts(model: Model, remedy: BaseRemedy = "hanging") -> list[str]:
     if base is None:
         return []
     remedy_text = sentence(remedy)
-    return [Reason(sentence("held", base=base.link, remedy=remedy_text), remedy_text)]
+    text = sentence("held", base=base.link, remedy=remedy_text)
+    return [Reason(text, remedy_text)]
 
 
 def hanging_excess(excess: str) -> str:
@@ -144,13 +145,15 @@ def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]
         force = missing_force(model, joints)
         if force:
             force_text = force_in_words(model, force)
-            force_clause = f"{force_text[0].lower()}{force_text[1:]}"
+            force_clause = f"{force_text[0].lower()}{force_text[1:]}"  # follows other words
             warnings.append(sentence("no contact", words=force_clause))
     loop_joints = open_loop_joints(model)
     if loop_joints:
-        (loops_text, first_closure), *other_closures = model.closures.items()  # name and closure
-        if other_closures:
-            loops_text += f" and {len(other_closures)} more"
+        first_loop, *other_loops = model.closures
+        first_closure = model.closures[first_loop]
+        loops_text = first_loop
+        if other_loops:
+            loops_text += f" and {len(other_loops)} more"
         arguments = f"{first_closure.frame_a!r}, {first_closure.frame_b!r}, {first_closure.rows!r}"
         joints_text = listed(loop_joints, _MAX_LISTED)
         warnings.append(sentence("open loops", loops=loops_text, joints=joints_text, given=arguments))

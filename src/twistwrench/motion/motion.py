@@ -163,8 +163,10 @@ class Motion(MotionDoors, metaclass=HintedClass):
             return None
         model = self.robot.model
         array = np.asarray(arguments.real(given, f"Motion: {label}", model.nv, names=model.velocity_names), float)
-        has_no_command = np.isnan(array).all(axis=0) & (label == "command")  # for each joint
-        arguments.finite(np.where(has_no_command, 0.0, array), f"Motion: {label}")  # only for its error
+        required = array
+        if label == "command":  # joints without commands are nan in all rows
+            required = np.where(np.isnan(array).all(axis=0), 0.0, array)
+        arguments.finite(required, f"Motion: {label}")  # only for its error
         if array.shape != (row_count, model.nv):
             raise ShapeError(f"Motion: {label} has shape {array.shape}; give ({row_count}, {model.nv}).")
         return array

@@ -316,6 +316,7 @@ class MotionLog:
             table = without_times(table, wrong_stamps)
             contradictions = self._contradictions(table, dated=bool(epoch))  # others may show without these rows
         contradictions.runs = [self.motion(run) for run in log_table.excerpts(table, _RUN_COUNT, _ROWS_OF_RUN)]
+        # converted rows, and the same rows in the units of the file
         portions = ((self.motion(table[rows]), table[rows]) for rows in slices(len(table)))
         doubts_about_mimic_joints = mimic_doubts(self.columns.mimic_joints, portions)
         steps = RecordedSteps(self.coordinates, [(run.time, run.q) for run in contradictions.runs])
@@ -392,7 +393,7 @@ class MotionLog:
         -------
         rows : LogRows
         """
-        q, dq, ddq, tau, command = (self.columns.si_values(table, part) for part in PARTS)
+        q, dq, ddq, tau, command = [self.columns.si_values(table, part) for part in PARTS]  # in the order of PARTS
         if tau is not None and self.columns.of_motors:
             for entries, motor_per_joint, _ in self.coordinates.coupled:
                 tau[:, entries] = tau[:, entries] @ motor_per_joint
@@ -469,7 +470,7 @@ class MotionLog:
         may_be_other_order = self.columns.listed and joint_doubt.refuses
         if not may_be_other_order or not joints or q_columns is None:
             return joint_doubt
-        joint = joints[0]
+        joint, *_ = joints
         column_index = int(q_columns[names.index(joint)])
         column = self.columns.header[column_index]
         columns_option = spell(Argument("columns"))
@@ -486,7 +487,8 @@ class MotionLog:
         has_equal_time = np.diff(first_rows[:, 0]) == 0
         has_other_values = (first_rows[1:, 1:] != first_rows[:-1, 1:]).any(axis=1)
         is_rounded = has_equal_time & has_other_values
-        most_rows_repeat = 2 * is_rounded.sum() < has_equal_time.sum()  # of the rows with an equal time
+        rounded_share = is_rounded.sum() / max(1, has_equal_time.sum())
+        most_rows_repeat = rounded_share < 0.5
         if len(table) > _MAX_STAMPS or not is_rounded.any() or most_rows_repeat:
             return None
         times = steady_times(np.array(table[:, 0]))

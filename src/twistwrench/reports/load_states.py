@@ -72,8 +72,11 @@ def states_of(report: TorqueReport) -> Motion:
 
 def _join_states(parts: Iterable[MotionSamples], robot: Robot) -> Motion:
     """Motion of consecutive states; joints at rest within the noise have no velocity."""
-    arrays_of_parts = [(s.time, s.q, np.where(s.stationary, 0.0, s.dq), s.ddq) for s in parts]
-    time, q, dq, ddq = map(np.concatenate, zip(*arrays_of_parts, strict=True))
+    parts = list(parts)
+    time = np.concatenate([states.time for states in parts])
+    q = np.concatenate([states.q for states in parts])
+    dq = np.concatenate([np.where(states.stationary, 0.0, states.dq) for states in parts])
+    ddq = np.concatenate([states.ddq for states in parts])
     return Motion(time, q, dq, ddq, robot=robot, in_seconds=True)
 
 

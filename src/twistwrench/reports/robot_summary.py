@@ -79,7 +79,7 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
             row["child_link"] = link_of(model, body_index)
             if body.follows:  # a mimic joint: velocity k belongs to its leader
                 row["velocity_name"] = joint.name
-                row["unit"] = unit_of("q", bool(joint.axes[0, :3].any()))
+                row["unit"] = unit_of("q", joint.turning[0])
                 row["leader"] = coordinates.velocity_names[k]
                 row["ratio"] = float(body.ratio)
                 row["offset"] = float(body.offset)
@@ -127,9 +127,10 @@ def _links(model: Model) -> list[dict[str, Any]]:
     for link, inertia in model.link_inertias.items():
         if not inertia.parameters.any():
             continue
+        body = body_of_link(model, link)
         row = {
             "link": link,
-            "moves_with": link_of(model, body_of_link(model, link)),
+            "moves_with": link_of(model, body),
             "mass": float(inertia.mass),
             "com": np.asarray(inertia.com, float).tolist(),
             "moment_about_com": np.asarray(inertia.moment_about_com, float).tolist(),
@@ -154,4 +155,6 @@ def link_of(model: Model, body: int) -> str:
     for name in names:
         if np.array_equal(model.frames[name].pose, np.eye(4)):
             return name
-    return names[0] if names else f"body {body}"
+    if names:
+        return names[0]
+    return f"body {body}"  # of no link, between two joints

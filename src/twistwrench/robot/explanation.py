@@ -150,7 +150,8 @@ class Explanation(ExplanationDoors):
         text : str, of one state
         """
         rows = self.rows(joint)
-        name_width, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
+        table_columns = zip(*rows, strict=True)
+        name_width, *widths = [max(map(len, column)) for column in table_columns]
         lines = []
         for name, *cells in rows:
             aligned = [cell.rjust(width) for cell, width in zip(cells, widths, strict=True)]
@@ -217,7 +218,10 @@ def explain_torques(
         return np.swapaxes(regressor(q, dq, ddq) @ parameters.T, -1, -2)  # (..., causes, nv)
 
     parts = _motion_parts(torques_by_cause, q, dq, ddq)
-    units = units_of("tau", (turns for body in model.leaders for turns in body.joint.turning))
+    turning: list[bool] = []  # of each velocity
+    for body in model.leaders:
+        turning += body.joint.turning
+    units = units_of("tau", turning)
     explanation = Explanation(MOTION_TERMS, causes, model.velocity_names, units, parts)
     for name, tau in other_torques.items():
         explanation = explanation.with_term(name, tau)
@@ -247,10 +251,15 @@ def _parameters_by_cause(model: Model) -> dict[str, Array]:
     """
     parameters_by_cause: dict[str, Array] = {}
 
+    def entries_of(body_index: int) -> slice:
+        """Entries of a body among the parameters of all bodies."""
+        return slice(_PARAMETERS * body_index, _PARAMETERS * (body_index + 1))
+
     def add_contribution(cause: str, body_index: int, parameters: Array) -> None:
+        """Add parameters (10,) of a body to those of a cause; the base and zeros are left out."""
         if body_index != BASE and parameters.any():
             total = parameters_by_cause.setdefault(cause, np.zeros(_PARAMETERS * len(model.bodies)))
-            total[_PARAMETERS * body_index : _PARAMETERS * (body_index + 1)] += parameters
+            total[entries_of(body_index)] += parameters
 
     payload_parameters: dict[str, Array] = {}  # (10,) by frame
     for name, payload in model.payloads:
@@ -261,7 +270,8 @@ def _parameters_by_cause(model: Model) -> dict[str, Array]:
         if inertia is not None:
             link_parameters = inertia.parameters - payload_parameters.get(name, np.zeros(_PARAMETERS))
         if name in payload_parameters:
-            is_rounding = np.abs(link_parameters) <= 1e-15 * np.abs(payload_parameters[name])  # of the difference
+            # the difference of two numbers has the rounding error of the larger one
+            is_rounding = np.abs(link_parameters) <= 1e-15 * np.abs(payload_parameters[name])
             link_parameters = np.where(is_rounding, 0.0, link_parameters)
         add_contribution(name, frame.body, _transform(link_parameters, frame.pose))
         if name in payload_parameters:
@@ -273,9 +283,9 @@ def _parameters_by_cause(model: Model) -> dict[str, Array]:
                 add_contribution(body.link, body.parent, -_transform(body.inertia.parameters, body.placement))
     total = sum(parameters_by_cause.values(), start=np.zeros(_PARAMETERS * len(model.bodies)))
     for i, body in enumerate(model.bodies):  # repaired inertias and fused rotors differ from the sum of the causes
-        difference = body.inertia.parameters - total[_PARAMETERS * i : _PARAMETERS * (i + 1)]
-        largest_parameter = float(np.abs(body.inertia.parameters).max())
-        if np.abs(difference).max() > _NEGLIGIBLE_SHARE * max(1e-300, largest_parameter):
+        difference = body.inertia.parameters - total[entries_of(i)]
+        largest_parameter = max(1e-300, float(np.abs(body.inertia.parameters).max()))  # above zero
+        if np.abs(difference).max() > _NEGLIGIBLE_SHARE * largest_parameter:
             add_contribution(f"{body.link} (other)", i, difference)
     return parameters_by_cause
 

@@ -148,11 +148,14 @@ def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> li
     labels = use.orientation[found.kept]  # of the orientation of each row
     count = len(np.unique(labels))
     # Readings of a revisited orientation share its error, so that they add no degree of freedom.
-    freedom = (1.0 - found.fit.leverage[found.kept]).sum(axis=0) - (len(labels) - count)  # of each channel
+    revisit_count = len(labels) - count
+    freedom = (1.0 - found.fit.leverage[found.kept]).sum(axis=0) - revisit_count  # of each channel
     missing_freedom = math.ceil(MIN_CHANNEL_FREEDOM - freedom.min() - 1e-9)  # 1e-9: rounding errors
     missing_orientations = max(MIN_ORIENTATIONS - count, missing_freedom)
     if problem.noise is None and missing_orientations > 0:
-        alike = ", and it is taken to be alike in the three forces and in the three moments" if few(labels) else ""
+        alike = ""
+        if few(labels):
+            alike = ", and it is taken to be alike in the three forces and in the three moments"
         details: dict[str, Any] = {
             "orientations": MIN_ORIENTATIONS,
             "count": count,

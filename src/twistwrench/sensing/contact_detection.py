@@ -142,19 +142,23 @@ def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
     """
     start, direction = _line_of_action(F)
     offset = arguments.real(point, "point", 3) - start
-    return np.asarray(start + (offset * direction).sum(-1, keepdims=True) * direction)
+    distance = (offset * direction).sum(-1, keepdims=True)  # along the line
+    return np.asarray(start + distance * direction)
 
 
 def _line_of_action(F: ArrayLike) -> tuple[Array, Array]:
     """Lines of action: their points nearest to the origin and their unit directions, (..., 3); NaN without a force."""
-    m, f, force = _moment_and_force(F)
-    return so3.cross(f, m) / force[..., None] ** 2, f / force[..., None]
+    m, f, magnitude = _moment_and_force(F)
+    nearest_point = so3.cross(f, m) / magnitude[..., None] ** 2
+    direction = f / magnitude[..., None]
+    return nearest_point, direction
 
 
 def _moment_and_force(F: ArrayLike) -> tuple[Array, Array, Array]:
     """Moments and forces (..., 3) of wrenches, and the magnitudes (...) of the forces; NaN for zero."""
     F = arguments.real(F, "F", 6)
-    m, f = F[..., :3], F[..., 3:]
+    m = F[..., :3]
+    f = F[..., 3:]
     magnitude = np.linalg.norm(f, axis=-1)
     return m, f, np.where(magnitude == 0, np.nan, magnitude)
 
@@ -281,7 +285,8 @@ class CollisionThreshold:
             )
         S = np.cov(r.T)
         sigma = np.sqrt(np.diag(S))
-        if not (sigma > 0).all() or np.linalg.matrix_rank(S / np.outer(sigma, sigma), tol=1e-9) < 6:  # of correlations
+        all_change = bool((sigma > 0).all())
+        if not all_change or np.linalg.matrix_rank(S / np.outer(sigma, sigma), tol=1e-9) < 6:  # of correlations
             constant_axes = [axis for axis, deviation in zip(WRENCH, sigma, strict=True) if deviation == 0]
             reason = "some axes always change together"
             if constant_axes:
@@ -320,7 +325,8 @@ class CollisionThreshold:
         r = deviation[..., self.axes]
         S = self.covariance[..., self.axes, self.axes]
         L = np.linalg.cholesky(_positive_definite(S))
-        u = np.linalg.solve(L, r[..., None])[..., 0]
+        u_columns = np.linalg.solve(L, r[..., None])
+        u = u_columns[..., 0]
         if self.freedom is not None:  # normal scores with the same tail probability as the Student variables
             tail_probability = special.stdtr(np.minimum(self.freedom[self.axes], _MAX_FREEDOM), -np.abs(u))
             u = -special.ndtri(tail_probability)
@@ -336,7 +342,7 @@ class CollisionThreshold:
 
         S = self.covariance[..., self.axes, self.axes]
         if S.ndim == 3:
-            S = S[len(S) // 2]
+            S = S[len(S) // 2]  # of the middle reading
         limits: Any = math.sqrt(self.limit)  # in standard deviations of u
         if self.freedom is not None:
             nu = self.freedom[self.axes]
@@ -360,7 +366,8 @@ def _positive_definite(S: Array) -> Array:
         min_variance = 1e-30 * variances.max() + np.finfo(float).tiny  # above zero, as a divisor
         sigma = np.sqrt(np.maximum(variances, min_variance))
         scale = sigma[..., None] * sigma[..., None, :]
-        least_eigenvalue = np.linalg.eigvalsh(S / scale)[..., :1]
+        eigenvalues = np.linalg.eigvalsh(S / scale)  # from the smallest up
+        least_eigenvalue = eigenvalues[..., :1]
         missing = np.maximum(_MIN_EIGENVALUE - least_eigenvalue, 0.0)
         return np.asarray(S + missing[..., None] * scale * np.eye(S.shape[-1]))
     return S
@@ -368,7 +375,8 @@ def _positive_definite(S: Array) -> Array:
 
 def _check_rate(false_alarms: float) -> None:
     """Raise ValueRangeError unless a false-alarm rate is between 0 and 1."""
-    if not 0 < arguments.number(false_alarms, "false_alarms") < 1:
+    rate = arguments.number(false_alarms, "false_alarms")
+    if not 0 < rate < 1:
         raise ValueRangeError(
             f"a false-alarm rate of {false_alarms!r} is not between 0 and 1. Give 1e-6 for one in a million."
         )

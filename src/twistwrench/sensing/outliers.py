@@ -53,14 +53,15 @@ def touched_in_static_poses(log: ReadingLog, poses: StaticPoses) -> Array:
         in_dwell = dwell_of_reading == k
         deviations[in_dwell] = log.readings[in_dwell] - np.median(log.readings[in_dwell], axis=0)
     in_long_dwell = np.isin(dwell_of_reading, long_dwells)
-    rounding_error = np.abs(log.readings).max() * 1e-12 + 1e-300
+    rounding_error = np.abs(log.readings).max() * 1e-12 + 1e-300  # above zero, also for readings of zero
     noise = MAD * np.median(np.abs(deviations[in_long_dwell]), axis=0)
     noise = np.maximum(noise, rounding_error)  # if readings repeat
     threshold = CollisionThreshold.of_axes(noise, FALSE_ALARM_RATE / len(log))
     is_outlier = in_long_dwell & threshold(deviations)
     for k in np.unique(dwell_of_reading[is_outlier]).tolist():
         in_dwell = dwell_of_reading == k
-        if is_outlier[in_dwell].mean() < 0.5:
+        share_of_outliers = is_outlier[in_dwell].mean()
+        if share_of_outliers < 0.5:
             is_touched |= is_outlier & in_dwell
     return is_touched
 
@@ -80,10 +81,12 @@ def reject_outliers(problem: Problem) -> tuple[Fit, Array]:
     robust_fit = fit(problem, keep=all_rows, huber=True)
     start = replace(problem, state=robust_fit.state)
     squared_distances = ((robust_fit.residuals / robust_fit.deviation) ** 2).sum(axis=1)
-    max_suspects = max(0, min(n // 3, n - least_rows(problem)))
+    spare_rows = max(0, n - least_rows(problem))
+    max_suspects = min(n // 3, spare_rows)
     suspects = np.flatnonzero(squared_distances > special.chdtri(6, 1 - SUSPECT_QUANTILE))
     worst_first = np.argsort(-squared_distances[suspects])
-    suspects = suspects[worst_first][:max_suspects]
+    worst_indices = worst_first[:max_suspects]
+    suspects = suspects[worst_indices]
     keep = all_rows.copy()
     keep[suspects] = False
     if suspects.size and not _determines_unknowns(start, robust_fit, keep):
@@ -94,8 +97,10 @@ def reject_outliers(problem: Problem) -> tuple[Fit, Array]:
             return fit(start, keep=all_rows), all_rows
         A = others_fit.design[suspects]
         variances = others_fit.deviation[suspects] ** 2
-        # covariance of the errors of predicted readings: by errors of the unknowns, and by noise
-        S = A @ others_fit.joint @ np.swapaxes(A, -1, -2) + variances[..., None] * np.eye(6)
+        # covariance of the errors of predicted readings
+        by_unknowns = A @ others_fit.joint @ np.swapaxes(A, -1, -2)
+        by_noise = variances[..., None] * np.eye(6)
+        S = by_unknowns + by_noise
         test = CollisionThreshold.predictive(S, others_fit.freedom, FALSE_ALARM_RATE / n)
         is_short = problem.count[suspects] < MIN_READINGS_OF_DWELL
         alarm_rates = np.where(is_short, FALSE_ALARM_RATE / n, FALSE_ALARM_RATE_OF_DWELL)

@@ -123,7 +123,8 @@ def gravity_in_frame(pose: ArrayLike, gravity: ArrayLike = GRAVITY) -> Array:
     """
     g = np.asarray(arguments.finite(gravity, "gravity", 3), float)
     R = checked_rotations(pose)
-    return np.asarray((np.swapaxes(R, -1, -2) @ g[..., None])[..., 0])
+    g_f = np.swapaxes(R, -1, -2) @ g[..., None]
+    return np.asarray(g_f[..., 0])
 
 
 def rotations_to_gravity(directions: ArrayLike) -> Array:
@@ -163,11 +164,13 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
     Source: Atkeson, An and Hollerbach, "Estimation of inertial parameters of manipulator loads and links", 1986.
     """
     g = np.asarray(gravity, float)
-    V = np.zeros(6) if V is None else np.asarray(V, float)
-    dV = np.zeros(6) if dV is None else np.asarray(dV, float)
+    at_rest = np.zeros(6)
+    V = at_rest if V is None else np.asarray(V, float)
+    dV = at_rest if dV is None else np.asarray(dV, float)
     shape = np.broadcast_shapes(g.shape[:-1], V.shape[:-1], dV.shape[:-1])
     V = np.broadcast_to(V, (*shape, 6))
-    w, v = V[..., :3], V[..., 3:]
+    w = V[..., :3]
+    v = V[..., 3:]
     alpha = np.broadcast_to(dV[..., :3], (*shape, 3))
     d = dV[..., 3:] + so3.cross(w, v) - g  # acceleration of the origin minus gravity
     W = so3.hat(w)
@@ -181,14 +184,15 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
 
 def _inertia_product_matrix(x: Array) -> Array:
     """Matrix L with I x = L (Ixx, Ixy, Iyy, Ixz, Iyz, Izz); (..., 3) → (..., 3, 6)."""
-    x1, x2, x3 = x[..., 0], x[..., 1], x[..., 2]
+    x1, x2, x3 = np.moveaxis(x, -1, 0)
     o = np.zeros_like(x1)
     L = [
         [x1, x2, o, x3, o, o],
         [o, x1, x2, o, x3, o],
         [o, o, o, x1, x2, x3],
     ]
-    return np.stack([np.stack(row, axis=-1) for row in L], axis=-2)
+    rows = [np.stack(row, axis=-1) for row in L]
+    return np.stack(rows, axis=-2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,9 @@ def simulate(
     checked_sensor(sensor, "simulate")
     rng = arguments.generator(rng)
     sigma = checked_noise(noise, none_at_all=True)
-    V = dV = time = None
+    V = None
+    dV = None
+    time = None
     is_integer = hasattr(poses, "__index__") and not np.shape(poses)
     is_number = is_integer or isinstance(poses, float | np.number)
     if motion is not None:
@@ -120,7 +122,8 @@ def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:
     dq = _AMPLITUDES * _FREQUENCIES * np.cos(_FREQUENCIES * t + _PHASES)
     ddq = -(_FREQUENCIES**2) * q
     T = np.broadcast_to(np.eye(4), (*t.shape[:-1], 4, 4))
-    V = dV = np.zeros((*t.shape[:-1], 6))
+    V = np.zeros((*t.shape[:-1], 6))
+    dV = np.zeros_like(V)
     for k, S in enumerate(_SCREWS):  # from the base outward
         T_joint = se3.exp(S * q[..., k : k + 1])
         Ad_back = se3.Ad(se3.inverse(T_joint))  # to the frame after the joint

@@ -131,7 +131,8 @@ class SolidReader:
         if self.meshes is None:
             return None
         try:
-            mesh_surface = surface.joined([part for part, _ in self.meshes.read(name)])
+            surfaces = [part for part, _ in self.meshes.read(name)]
+            mesh_surface = surface.joined(surfaces)
         except (TwistWrenchError, OSError):
             return None
         corners = mesh_surface.vertices
@@ -218,7 +219,8 @@ def _nearest_by_entropy(S: Array, reference: Array | None) -> Array:
     The minimum has the axes of X_0, so each eigenvalue is determined by itself.
     """
     if reference is None:  # a ball
-        trace = max(abs(float(S.trace())), float(np.abs(S).max()), 1e-300)  # above zero, whatever S is
+        largest_entry = float(np.abs(S).max())
+        trace = max(abs(float(S.trace())), largest_entry, 1e-300)  # above zero, whatever S is
         S_reference = np.eye(3) * trace / 3.0
     else:
         S_reference = second_moments(reference)

@@ -94,8 +94,8 @@ class Rollout:
         is_valid = len(index) == len(self.batch)
         if is_valid:
             for k, size in zip(index, self.batch, strict=True):
-                is_integer = isinstance(k, int | np.integer)
-                is_valid = is_valid and is_integer and -size <= k < size
+                if not isinstance(k, int | np.integer) or not -size <= k < size:
+                    is_valid = False
         if not is_valid:
             raise ValueRangeError(
                 f"motion{index}: the batch has shape {self.batch}; give one index for each of its axes."
@@ -256,9 +256,12 @@ def rollout_of_tree(
 
 
 def build_rollout(
-    kind: type[Result], robot: Robot, inputs: Inputs, q: Array, dq: Array, tau: list[Array], **more: Any
+    kind: type[Result], robot: Robot, inputs: Inputs, q: Array, dq: Array, torques: list[Array], **more: Any
 ) -> Result:
-    """Rollout of a type, from validated inputs; ``more`` are the additional fields of the type."""
+    """Rollout of a type, from validated inputs.
+
+    ``torques`` is a list of one array, or empty if no torques are requested. ``more`` are the additional fields of the type.
+    """
     return kind(
         robot=robot.name,
         simulated=robot,
@@ -268,7 +271,7 @@ def build_rollout(
         method=inputs.plan.method,
         q=q,
         dq=dq,
-        tau=tau[0] if tau else None,  # a list of one array, or empty if no torques are requested
+        tau=torques[0] if torques else None,
         coordinate_names=robot.coordinate_names,
         velocity_names=robot.model.velocity_names,
         remarks=inputs.remarks,

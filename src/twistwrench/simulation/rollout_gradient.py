@@ -1,7 +1,7 @@
 """Gradients through rollouts: adjoint steps from last to first, by one kernel for all samples.
 
-With x1 = f(x0, u) a step, τ the torques applied in it, and λ the derivatives of a cost by a state through all later
-ones,
+With x1 = f(x0, u) a step, τ the torques applied in it, and λ the derivatives of a cost by a state, including its effect
+on all later states,
     (1)  λ0 = l + A' λ1 + C' m,       A = ∂x1/∂x0,  C = ∂τ/∂x0
     (2)  ∂cost/∂u = B' λ1 + D' m,     B = ∂x1/∂u,   D = ∂τ/∂u
 
@@ -76,24 +76,33 @@ class StepAdjoint:
             inputs.append(("cost by tau", (nv,)))
         slopes = [f"slope by {name}" for name, _ in self.derivative_ports]
         program = trace(self._adjoint_step, [*states, *inputs], [*dict(states), *slopes])
-        sources = (Source("state", 0), Source("state", 1), *[Source("given")] * len(inputs))
+        given_sources = [Source("given")] * len(inputs)
+        sources = (Source("state", 0), Source("state", 1), *given_sources)  # in the order of the program's inputs
         return Scan(program, sources, visible=2)
 
     def _adjoint_step(
         self, by_q1: Array, by_dq1: Array, angles: Array, q: Array, dq: Array, *inputs_and_costs: Any
     ) -> tuple[Array, ...]:
-        """Derivatives λ0 by q (nv,) and by dq (nv,), (1), then derivatives by the inputs of the step, (2)."""
+        """Derivatives λ0 by q (nv,) and by dq (nv,), (1), then derivatives by the inputs of the step, (2).
+
+        ``by_q1`` (nv,) and ``by_dq1`` (nv,) are λ1.
+        """
         model = self.plan.model
         input_count = len(self.plan.inputs)
         step_inputs = inputs_and_costs[:input_count]
         cost_by_q, cost_by_dq, *cost_by_tau = inputs_and_costs[input_count:]  # the last is empty without torques
         q1, *others = self.plan.step(angles, q, dq, *step_inputs)
-        weights = [*(by_q1 @ velocity_map(model, q1)), *by_dq1, *chain.from_iterable(cost_by_tau)]
-        q_chart = Chart((model.nv,), {**Chart.from_input(angles, model).known, **Chart.from_input(q, model).known})
+        by_q1_entries = by_q1 @ velocity_map(model, q1)  # (nq,)
+        weights = [*by_q1_entries, *by_dq1, *chain.from_iterable(cost_by_tau)]
+        known = {**Chart.from_input(angles, model).known, **Chart.from_input(q, model).known}
+        q_chart = Chart((model.nv,), known)  # of both forms of q
         inputs = dict(zip(dict(self.plan.inputs), step_inputs, strict=True))
         charts = [q_chart, Chart.from_input(dq)]
         for name, _ in self.derivative_ports:
-            charts.append(Chart.from_input(inputs[name], model if name == "q_des" else None))
+            model_of_chart = None
+            if name == "q_des":  # a configuration
+                model_of_chart = model
+            charts.append(Chart.from_input(inputs[name], model_of_chart))
         chart = Chart.concatenate(charts)
         tracer = dq[0].trace
         results = [tracer.lift(e) for e in chain(q1, *others)]
@@ -171,9 +180,10 @@ def gradient(robot: Robot, inputs: Inputs, q: Array, dq: Array, slopes: Mapping[
     plan = inputs.plan
     shapes = inputs.argument_shapes
     batch = inputs.batch
-    cost = {name: _slopes_of(robot, inputs, name, x) for name, x in slopes.items()}
-    (by_q0, by_dq0), by_inputs = _sweep_backward(robot, inputs, _flatten_batch(q), _flatten_batch(dq), cost)
-    by_step = {}
+    cost_slopes = {name: _slopes_of(robot, inputs, name, x) for name, x in slopes.items()}
+    by_start, by_inputs = _sweep_backward(robot, inputs, _flatten_batch(q), _flatten_batch(dq), cost_slopes)
+    by_q0, by_dq0 = by_start
+    by_step = {}  # derivatives (..., steps, …) by the inputs of each step
     for (name, _), x in zip(StepAdjoint(plan).derivative_ports, by_inputs, strict=True):
         by_step[name] = x.reshape(*batch, *x.shape[1:])
     law = {name: _sum_broadcast_axes(by_step[name], shapes[name]) for name in plan.law.names}
@@ -182,13 +192,14 @@ def gradient(robot: Robot, inputs: Inputs, q: Array, dq: Array, slopes: Mapping[
         wrenches[frame] = _sum_broadcast_axes(by_step[f"wrench at {frame}"], shapes[f"the wrench at {frame!r}"])
     parameters = {}
     for k, name in enumerate(plan.parameters):
-        total = by_step["parameters"][..., k].sum(axis=-1)
+        by_sample = by_step["parameters"][..., k].sum(axis=-1)  # over steps
         batch_shape = shapes[f"parameter {name}"] or ()
-        summed = _sum_broadcast_axes(total[..., None], (*batch_shape, 1))
+        summed = _sum_broadcast_axes(by_sample[..., None], (*batch_shape, 1))
         parameters[name] = summed[..., 0]
     q0 = _sum_broadcast_axes(by_q0.reshape(*batch, robot.nv), shapes["q0"])
     dq0 = _sum_broadcast_axes(by_dq0.reshape(*batch, robot.nv), shapes["dq0"])
-    return RolloutGradient(q0, dq0, law.pop("tau", None), law, wrenches, parameters, remarks_of(robot, plan))
+    tau = law.pop("tau", None)
+    return RolloutGradient(q0, dq0, tau, law, wrenches, parameters, remarks_of(robot, plan))
 
 
 def linearize_steps(robot: Robot, inputs: Inputs, q: Array, dq: Array) -> tuple[Array, Array]:
@@ -200,8 +211,9 @@ def linearize_steps(robot: Robot, inputs: Inputs, q: Array, dq: Array) -> tuple[
     B = np.empty((*row_shape, n), dtype)
     unit = np.eye(2 * n, dtype=dtype)
     no_cost = np.zeros((1, n), dtype)
-    states = [x[..., :-1, None, None, :] for x in (q, q, dq)]  # q as angles and as coordinates
-    _, _, dt, *other_inputs = inputs.arrays
+    # q as angles and as coordinates; the new axes are of unit vectors, and of the single step that the kernel takes
+    states = [x[..., :-1, None, None, :] for x in (q, q, dq)]
+    _, _, dt, *other_inputs = inputs.arrays  # without the initial state
     step_inputs = [dt[:, None, None]]
     for x, rank in zip(other_inputs, inputs.ranks[3:], strict=True):
         if x.ndim != rank:
@@ -213,7 +225,7 @@ def linearize_steps(robot: Robot, inputs: Inputs, q: Array, dq: Array) -> tuple[
     by_inputs = {name: np.empty((*row_shape, 1, *shape), dtype) for name, shape in ports}
     by_inputs["tau"] = B[..., None, :]
     out = (A[..., None, :n], A[..., None, n:], *by_inputs.values())
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # unstable steps overflow
         kernel = _adjoint_kernel(robot, inputs.plan)
         kernel(unit[:, :n], unit[:, n:], *states, *step_inputs, *costs, out=out)
     return A, B
@@ -221,10 +233,11 @@ def linearize_steps(robot: Robot, inputs: Inputs, q: Array, dq: Array) -> tuple[
 
 def remarks_of(robot: Robot, plan: StepPlan) -> tuple[str, ...]:
     """Remarks on derivatives at kinks of the motions."""
-    laws = (".coulomb", ".static", ".load")
-    dry = dry_friction_indices(robot.model) or any(name.endswith(laws) for name in plan.parameters)
+    dry_friction_endings = (".coulomb", ".static", ".load")
+    varies_dry_friction = any(name.endswith(dry_friction_endings) for name in plan.parameters)
+    has_dry_friction = dry_friction_indices(robot.model) or varies_dry_friction
     remarks = []
-    if plan.friction and dry:
+    if plan.friction and has_dry_friction:
         remarks.append(DRY_FRICTION_REMARK)
     if plan.limited:
         remarks.append(TORQUE_LIMIT_REMARK)
@@ -232,7 +245,7 @@ def remarks_of(robot: Robot, plan: StepPlan) -> tuple[str, ...]:
 
 
 def _sweep_backward(
-    robot: Robot, inputs: Inputs, q: Array, dq: Array, cost: Mapping[str, Array]
+    robot: Robot, inputs: Inputs, q: Array, dq: Array, cost_slopes: Mapping[str, Array]
 ) -> tuple[tuple[Array, Array], list[Array]]:
     """λ by q and by dq at the start, (samples, nv) each, and derivatives by all inputs, (samples, steps, …) each."""
     sample_count = len(q)
@@ -241,29 +254,32 @@ def _sweep_backward(
     dtype = np.dtype(inputs.dtype)
     ports = StepAdjoint(inputs.plan).derivative_ports
     by_inputs = list(result_arrays([(sample_count, steps, *shape) for _, shape in ports], dtype))
-    slopes = cost["q"][:, -1], cost["dq"][:, -1]
+    slopes = cost_slopes["q"][:, -1], cost_slopes["dq"][:, -1]
     interval_length = steps if steps_per_state == 1 else steps_per_state
-    for first_step in range(steps - interval_length, -1, -interval_length):
+    for first_step in reversed(range(0, steps, interval_length)):
         interval = slice(first_step, first_step + interval_length)
         step_inputs = _inputs_of_steps(inputs, interval)
         if steps_per_state == 1:
             states = q[:, :-1], dq[:, :-1]
-            costs = [x[:, :steps] for x in cost.values()]
+            costs = [x[:, :steps] for x in cost_slopes.values()]
         else:
             state_index = first_step // steps_per_state
             states = _recompute_states(robot, inputs, q[:, state_index], dq[:, state_index], step_inputs)
             costs = []  # of the first step of the interval; the other states are not stored
-            for x in cost.values():
+            for x in cost_slopes.values():
                 step_costs = np.zeros((sample_count, interval_length, robot.nv), x.dtype)
                 step_costs[:, 0] = x[:, state_index]
                 costs.append(step_costs)
         interval_q, interval_dq = states
-        # inputs of the adjoint kernel, its steps in reverse order; q as angles and as coordinates
+        # inputs of the adjoint kernel and their ranks, its steps in reverse order
         arrays = [*slopes]
-        arrays += [x[:, ::-1] for x in (interval_q, interval_q, interval_dq)]
+        ranks = [1, 1]
+        arrays += [x[:, ::-1] for x in (interval_q, interval_q, interval_dq)]  # q as angles and as coordinates
+        ranks += [2, 2, 2]
         arrays += [x[::-1] if x.ndim == 1 else x[..., ::-1, :] for x in step_inputs]
+        ranks += inputs.ranks[2:]
         arrays += [x[:, ::-1] for x in costs]
-        ranks = [1, 1, 2, 2, 2, *inputs.ranks[2:], *[2] * len(costs)]
+        ranks += [2] * len(costs)
         by_q, by_dq = result_arrays([(sample_count, interval_length, robot.nv)] * 2, dtype)
         outputs = [by_q, by_dq]
         outputs += [x[:, interval][:, ::-1] for x in by_inputs]
@@ -290,9 +306,10 @@ def _recompute_states(
         sizes.append(robot.nv)
     results = result_arrays([(len(q), n, size) for size in sizes], np.dtype(inputs.dtype))
     run_steps(kernel_of(robot, inputs.plan), [q, dq, *step_inputs], [1, 1, *inputs.ranks[2:]], results, n)
-    # not strict: results may end with torques
-    states = [np.concatenate([x[:, None], y[:, :-1]], axis=1) for x, y in zip((q, dq), results, strict=False)]
-    return states[0], states[1]
+    q_after, dq_after, *_ = results  # of each step, then its torques if requested
+    q_before = np.concatenate([q[:, None], q_after[:, :-1]], axis=1)
+    dq_before = np.concatenate([dq[:, None], dq_after[:, :-1]], axis=1)
+    return q_before, dq_before
 
 
 def _flatten_batch(x: Array) -> Array:
@@ -310,7 +327,7 @@ def _adjoint_kernel(robot: Robot, plan: StepPlan) -> Any:
 
 def _slopes_of(robot: Robot, inputs: Inputs, name: str, x: ArrayLike) -> Array:
     """Derivatives of a cost by q, dq or tau, (samples, rows, nv): a row for each stored state, for tau without the last."""
-    row_count = inputs.kept + (name != "tau")
+    row_count = inputs.kept if name == "tau" else inputs.kept + 1
     what = f"gradient: the slope by {name}"
     slope = arguments.real(x, what, names=robot.model.velocity_names)
     shape = (*inputs.batch, row_count, robot.nv)
@@ -325,7 +342,10 @@ def _slopes_of(robot: Robot, inputs: Inputs, name: str, x: ArrayLike) -> Array:
 
 
 def _sum_broadcast_axes(x: Array, shape: tuple[int, ...] | None) -> Array:
-    """Derivatives x summed over the broadcast axes of an input; ``shape`` is the input's, and the last axis stays."""
+    """Derivatives x summed over the broadcast axes of an input; the last axis stays.
+
+    ``shape`` is the shape of the input; None for an input that is not given, whose derivatives are not summed.
+    """
     if shape is None:
         return x
     if not shape:

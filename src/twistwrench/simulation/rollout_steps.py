@@ -42,10 +42,12 @@ def take_all_steps(robot: Robot, inputs: Inputs, results: list[Array]) -> list[A
         is_overwritten = any(np.may_share_memory(x, result) for result in results)
         arrays.append(x.copy() if is_overwritten else x)
     flat_results = [x.reshape(sample_count, *x.shape[-2:]) for x in results]  # views: the results are contiguous
-    states, torques = flat_results[:state_part_count], flat_results[state_part_count:]
+    states = flat_results[:state_part_count]
+    torques = flat_results[state_part_count:]
     for state, start in zip(states, arrays, strict=False):  # the first inputs are the parts of the first state
         state[:, 0] = start
-    outputs = (*(state[:, 1:] for state in states), *torques)
+    states_after_steps = [state[:, 1:] for state in states]
+    outputs = (*states_after_steps, *torques)
     run_steps(kernel_of(robot, inputs.plan), arrays, inputs.ranks, outputs, inputs.steps)
     return results
 

@@ -29,8 +29,10 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
     heat = np.asarray(squares, float)  # i²
     cold = 1 + alpha * (ambient - thermal.reference)
     if thermal.winding_housing:
-        R_w, R_h = thermal.winding_housing, thermal.housing_ambient
-        C_w, C_h = thermal.winding_time / R_w, thermal.housing_time / R_h
+        R_w = thermal.winding_housing
+        R_h = thermal.housing_ambient
+        C_w = thermal.winding_time / R_w
+        C_h = thermal.housing_time / R_h
         a = (R * alpha * heat - 1 / R_w) / C_w
         b = 1 / (R_w * C_w)
         c = 1 / (R_w * C_h)
@@ -41,7 +43,7 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
         b = 0.0
         c = 0.0
         d = a - 1 / thermal.housing_time
-    # A = middle 1 + traceless, and traceless² = distance² 1, so the eigenvalues of A are middle ± distance.
+    # The matrix A = [a, b; c, d] is middle 1 + traceless with traceless² = distance² 1: its eigenvalues are middle ± distance.
     middle = 0.5 * (a + d)
     half_difference = 0.5 * (a - d)
     distance = np.sqrt(half_difference**2 + b * c)
@@ -61,7 +63,8 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
         is_nonzero = np.abs(exponent) > 1e-12  # beyond rounding errors
         return np.where(is_nonzero, np.expm1(exponent) / eigenvalue, duration)
 
-    larger, smaller = middle + distance, middle - distance
+    larger = middle + distance
+    smaller = middle - distance
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         matrices = np.zeros((len(heat), 3, 3))
         matrices[:, :2, :2] = matrix_function(np.exp(larger * duration), np.exp(smaller * duration))
@@ -81,7 +84,8 @@ def periodic_temperatures(
     """
     from_start = _cumulative(transitions(thermal, resistance, squares, duration, ambient))
     cycle = from_start[-1]
-    A, b = cycle[:2, :2], cycle[:2, 2]
+    A = cycle[:2, :2]
+    b = cycle[:2, 2]
     if not np.isfinite(cycle).all() or np.abs(np.linalg.eigvals(A)).max() >= 1:
         return np.full((len(squares) + 1, 2), np.inf)
     theta = np.linalg.solve(np.eye(2) - A, b)  # equal before and after the cycle: θ = A θ + b

@@ -66,7 +66,8 @@ class Contact:
         for name in ("point", "normal"):
             label = f"a contact's {name}"
             one_vector = arguments.one(getattr(self, name), label, 3)  # not a batch
-            object.__setattr__(self, name, arguments.finite(one_vector, label, 3).copy())
+            checked_vector = arguments.finite(one_vector, label, 3)
+            object.__setattr__(self, name, checked_vector.copy())  # the caller may change the array given
         object.__setattr__(self, "friction", arguments.number(self.friction, "a contact's friction"))
         length = float(np.linalg.norm(self.normal))
         if length == 0:
@@ -188,7 +189,9 @@ def _joins_moving_links(robot: Robot, constraint: Constraint) -> bool:
     """True for a closure of two links that move."""
     if not isinstance(constraint, Closure):
         return False
-    return all(place_of(robot.model, name).body != BASE for name in (constraint.frame_a, constraint.frame_b))
+    body_a = place_of(robot.model, constraint.frame_a).body
+    body_b = place_of(robot.model, constraint.frame_b).body
+    return body_a != BASE and body_b != BASE
 
 
 def contact_maps(robot: Robot, q: Array, contacts: Sequence[Contact]) -> tuple[Array, Array]:

@@ -44,7 +44,8 @@ def c_source(equations: Equations, prefix: str | None = None) -> str:
     remarks = header(equations)
     if symbols:
         remarks.append(f"p = ({', '.join(names_of(symbols))})")
-    remarks_text = visible("\n".join(remarks)).replace("*/", "* /").replace("/*", "/ *")  # must not end the comment
+    remarks_text = visible("\n".join(remarks))
+    remarks_text = remarks_text.replace("*/", "* /").replace("/*", "/ *")  # they must not end the comment
     comment = "\n".join(f" * {line}" for line in remarks_text.splitlines())
     blocks = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
     signatures = {name: _signature(name, prefix, n, len(symbols)) for name in FUNCTIONS}
@@ -56,7 +57,8 @@ def c_source(equations: Equations, prefix: str | None = None) -> str:
         array = f"const double {prefix}_parameters[{len(symbols)}]"
         blocks.append(f"extern {array};\n{array} = {{\n{value_lines}\n}};")
     for name, signature in signatures.items():
-        blocks.append(_function(routine(equations, name, names), signature, bool(symbols)))
+        function = routine(equations, name, names)
+        blocks.append(_function(function, signature, bool(symbols)))
     return "\n\n".join(blocks) + "\n"
 
 

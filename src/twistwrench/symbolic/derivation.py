@@ -264,7 +264,7 @@ def derive(
         remarks=_friction_remark(robot),
         source=model.source,
         # τ = M q̈ + c + g for every robot; rounding errors of cancelled numbers may look like further terms
-        **fields | {"split": True},
+        **(fields | {"split": True}),
     )
     selected = None
     if steps is not None:
@@ -316,8 +316,8 @@ def _friction_remark(robot: Robot) -> tuple[str, ...]:
     has_friction = friction.viscous.astype(bool) | friction.static.astype(bool) | friction.load.astype(bool)
     names = []  # of joints, once for each of their velocities
     for body in robot.model.leaders:
-        _, columns = body.places
-        names += [body.joint.name] * np.count_nonzero(has_friction[columns])
+        _, velocity_slice = body.places
+        names += [body.joint.name] * np.count_nonzero(has_friction[velocity_slice])
     return (f"Friction is left out of these equations; the robot has some at {listed(names, _MAX_LISTED)}.",)
 
 

@@ -41,7 +41,9 @@ def derivation_view(derivation: Derivation) -> Iterator[Block]:
     steps = {step.name: _equations(step) for step in derivation.steps}
     names = derivation.selected
     if not names:
-        names = _EXPANDED_STEPS if derivation.form == "expanded" else tuple(steps)
+        names = tuple(steps)
+        if derivation.form == "expanded":
+            names = _EXPANDED_STEPS
     printed_steps = [steps[name] for name in names if name in steps]
     is_selection = derivation.selected is not None
     line_count = _height(legend) + sum(map(_height, printed_steps)) + _OTHER_LINES
@@ -87,7 +89,9 @@ def _overview(derivation: Derivation, legend: Aligned, steps: dict[str, Aligned]
             short_steps.append(name)
             remaining_lines -= height
     if "mass_matrix" not in short_steps:
-        label, shortest_entry = min(steps["mass_matrix"].rows, key=lambda row: text_width(row[1]))
+        rows = list(steps["mass_matrix"].rows)
+        widths = [text_width(entry) for _, entry in rows]
+        label, shortest_entry = rows[widths.index(min(widths))]
         yield Line(f"{label} {shortest_entry}")
     yield replace(legend, level=Level.ALL)
     for name, block in steps.items():
@@ -123,7 +127,8 @@ def _equations(step: Step) -> Aligned:
     rows = []
     for label, expr in step.lines:
         rows.append((f"{label.write(notation)} =", notation.write(expr)))
-    return Aligned(f"{heading(step)}: {step.remark}", rows, lambda text, width: break_lines(text, width, text_width))
+    title = f"{heading(step)}: {step.remark}"
+    return Aligned(title, rows, lambda text, width: break_lines(text, width, text_width))
 
 
 def _check(derivation: Derivation, level: Level) -> Iterator[Block]:

@@ -25,7 +25,8 @@ def break_lines(text: str, width: float, measure: Callable[[str], float]) -> lis
     depths = [depth for _, depth in breaks]
     # The text is cut at its begin, at all breaks, and at its end; cut k is break k - 1.
     cuts = [0, *(position for position, _ in breaks), len(text)]  # positions in the text
-    widths_to_cuts = [0.0, *accumulate(measure(text[begin:end]) for begin, end in pairwise(cuts))]
+    piece_widths = [measure(text[begin:end]) for begin, end in pairwise(cuts)]
+    widths_to_cuts = [0.0, *accumulate(piece_widths)]
     lines = []
     first_cut = 0  # of the line
     while widths_to_cuts[-1] - widths_to_cuts[first_cut] > width and first_cut < len(breaks):

@@ -49,10 +49,10 @@ class Ring:
         self.bases: list[Basis] = [("cos", zero_multiples)]
         """Sines and cosines by their base number."""
         self._base_numbers: dict[Basis, int] = {self.bases[0]: 0}
-        self._products: dict[tuple[int, int], tuple[tuple[int, int], ...]] = {}  # by two base numbers, see product()
-        self._derivatives: dict[
-            tuple[int, int], tuple[int, Any]
-        ] = {}  # by base number and angle, see base_derivative()
+        self._products: dict[tuple[int, int], tuple[tuple[int, int], ...]] = {}
+        """Results of :meth:`product` by two base numbers."""
+        self._derivatives: dict[tuple[int, int], tuple[int, Any]] = {}
+        """Results of :meth:`base_derivative` by base number and angle."""
 
     # ── constructors ──
 
@@ -105,7 +105,8 @@ class Ring:
         """Number of a sine or cosine; a new one gets the next number."""
         number = self._base_numbers.get(basis)
         if number is None:
-            number = self._base_numbers[basis] = len(self.bases)
+            number = len(self.bases)
+            self._base_numbers[basis] = number
             self.bases.append(basis)
         return number
 
@@ -114,7 +115,8 @@ class Ring:
         terms = self._products.get((a, b))
         if terms is None:
             terms = tuple(self._expand_product(a, b))
-            self._products[a, b] = self._products[b, a] = terms
+            self._products[a, b] = terms
+            self._products[b, a] = terms
         return terms
 
     def _expand_product(self, a: int, b: int) -> Iterable[tuple[int, int]]:
@@ -141,7 +143,8 @@ class Ring:
         """Derivative of a base by an angle, as (base number, factor); ``base`` and ``angle`` are numbers."""
         derivative = self._derivatives.get((base, angle))
         if derivative is None:
-            derivative = self._derivatives[base, angle] = self._differentiate(base, angle)
+            derivative = self._differentiate(base, angle)
+            self._derivatives[base, angle] = derivative
         return derivative
 
     def _differentiate(self, base: int, angle: int) -> tuple[int, Any]:
@@ -189,9 +192,11 @@ class TrigPolynomial:
             if not other:
                 return self
             other = self.ring.number(other)
-        longer, shorter = self.terms, other.terms
-        if len(longer) < len(shorter):
-            longer, shorter = other.terms, self.terms
+        longer = self.terms
+        shorter = other.terms
+        if len(longer) < len(shorter):  # fewer terms are then added one by one
+            longer = other.terms
+            shorter = self.terms
         terms = dict(longer)
         for key, coefficient in shorter.items():
             total = terms.get(key, 0) + coefficient

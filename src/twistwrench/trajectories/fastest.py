@@ -153,7 +153,8 @@ def backward(rows: PathRows, count: int = _TEST_POINTS) -> list[Arc]:
     """Arcs of the viability curve, ascending in s; between arcs the limit curve applies, tested at ``count`` points."""
     arcs: list[Arc] = []
     breaks = rows.breaks
-    s, x = 1.0, 0.0
+    s = 1.0
+    x = 0.0
     beside_breaks = np.concatenate([breaks - _BREAK_OFFSET, breaks + _BREAK_OFFSET])
     points = np.unique(np.concatenate([np.linspace(0.0, 1.0, count), beside_breaks]))
     points = points[(points > 0) & (points < 1)]
@@ -169,7 +170,8 @@ def backward(rows: PathRows, count: int = _TEST_POINTS) -> list[Arc]:
                 cell = _advance(rows, s, x, -1, target, caps=False, below=None, hint=hint)
                 hint = max(_HINT_RATIO * (cell.high - cell.low), _MIN_PIECE)
                 cells.append(cell)
-                s, x = cell.low, float(cell.x[0])
+                s = cell.low
+                x = float(cell.x[0])  # at the low end
                 if len(cells) > _MAX_PIECES:
                     raise _search_error(s)
         except _Stuck:  # the arc begins here
@@ -206,7 +208,8 @@ def _leaves(rows: PathRows, s: float) -> bool:
             cell = _advance(rows, s, x, -1, max(goal, previous), caps=False, below=None)
         except _Stuck:
             return False
-        s, x = cell.low, float(cell.x[0])
+        s = cell.low
+        x = float(cell.x[0])  # at the low end
         if s <= goal:
             return True
     return False
@@ -219,7 +222,8 @@ def _next_leaving_point(rows: PathRows, s: float, points: Array, falls: Array) -
     """
     edges = np.concatenate([points, rows.breaks, [s]])
     candidates = np.unique(np.concatenate([falls, rows.breaks]))
-    for candidate in candidates[(candidates < s - _MIN_PIECE) & (candidates > 0)][::-1]:
+    candidates = candidates[(candidates < s - _MIN_PIECE) & (candidates > 0)]
+    for candidate in candidates[::-1]:
         if candidate in rows.breaks:
             if _leaves(rows, float(candidate)):
                 return float(candidate)
@@ -230,7 +234,8 @@ def _next_leaving_point(rows: PathRows, s: float, points: Array, falls: Array) -
             middle = 0.5 * (not_falling + falling)
             if not_falling - falling < _PLACE_ACCURACY:
                 break
-            if _limit_curve_falls(rows, np.array([middle]))[0]:
+            (falls_at_middle,) = _limit_curve_falls(rows, np.array([middle]))
+            if falls_at_middle:
                 falling = middle
             else:
                 not_falling = middle
@@ -240,19 +245,22 @@ def _next_leaving_point(rows: PathRows, s: float, points: Array, falls: Array) -
 
 def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
     """Pieces of the fastest timing, ascending in s."""
-    ends = np.unique(np.concatenate([rows.breaks, *([arc.low, arc.high] for arc in arcs)]))
+    ends_of_arcs = [[arc.low, arc.high] for arc in arcs]
+    ends = np.unique(np.concatenate([rows.breaks, *ends_of_arcs]))
     cells: list[Cell] = []
-    s, x = 0.0, 0.0
+    s = 0.0
+    x = 0.0
     hint = 1.0
     while s < 1.0:
         if len(cells) > _MAX_PIECES:
             raise _search_error(s)
-        arc = next((arc for arc in arcs if arc.low <= s < arc.high), None)
-        reaches_arc = arc is not None and s > 0 and x >= float(arc.at(np.array([s]))[0]) * _MIN_RATIO_AT_ARC
-        if arc is not None and reaches_arc:
+        arcs_at_s = (arc for arc in arcs if arc.low <= s < arc.high)
+        arc = next(arcs_at_s, None)
+        if arc is not None and s > 0 and _reaches(arc, s, x):
             remaining_cells = [cell for cell in arc.cells if cell.high > s + _MIN_LENGTH_DIFFERENCE]
             cells += [cell if cell.low >= s else cell.since(s) for cell in remaining_cells]
-            s, x = arc.high, float(cells[-1].x.sum())
+            s = arc.high
+            x = float(cells[-1].x.sum())  # at the high end
             continue
         target = float(ends[np.searchsorted(ends, s, side="right")])
         try:
@@ -261,8 +269,15 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
             raise _search_error(s) from None
         cells.append(cell)
         hint = max(_HINT_RATIO * (cell.high - cell.low), _MIN_PIECE)
-        s, x = cell.high, float(cell.x.sum())
+        s = cell.high
+        x = float(cell.x.sum())  # at the high end
     return cells
+
+
+def _reaches(arc: Arc, s: float, x: float) -> bool:
+    """True if x at s reaches an arc."""
+    (x_of_arc,) = arc.at(np.array([s])).tolist()
+    return bool(x >= x_of_arc * _MIN_RATIO_AT_ARC)
 
 
 def _search_error(s: float) -> PathError:
@@ -351,7 +366,8 @@ class Fastest(Trajectory):
         if self.time_optimal is not None:
             return ()
         model = self.robot.model
-        times, cells = self.scaling.times, self.scaling.cells  # type: ignore[attr-defined]
+        times = self.scaling.times  # type: ignore[attr-defined]
+        cells = self.scaling.cells  # type: ignore[attr-defined]
         contacts: list[LimitContact] = []
         for k, cell in enumerate(cells):
             side = cell.side
@@ -397,7 +413,8 @@ class Fastest(Trajectory):
         parts = [tau / bounds.effort, dq / bounds.velocity, ddq / bounds.acceleration_at(dq, ddq)]
         if self.time_optimal is not None:
             parts.append(self.jerk(t) / bounds.jerk)
-        return np.asarray(np.abs(np.concatenate(parts, axis=-1)).max(axis=-1))
+        all_shares = np.abs(np.concatenate(parts, axis=-1))
+        return np.asarray(all_shares.max(axis=-1))
 
     def limit_curves(self, samples: int = 801) -> LimitCurves:
         """Limit curves of the phase plane (s, ds/dt), with the motion. MR figure 9.11.
@@ -417,8 +434,10 @@ class Fastest(Trajectory):
         s = np.unique(np.concatenate([np.linspace(0, 1, samples), self.rows.breaks]))
         cap = self.rows.cap(s)
         if self.time_optimal is not None:
-            path = self.scaling(np.linspace(0.0, self.duration, samples))[:2]
-            return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), path, (np.zeros(0), np.zeros(0)))
+            times = np.linspace(0.0, self.duration, samples)
+            path_s, path_rate, *_ = self.scaling(times)
+            no_switches = (np.zeros(0), np.zeros(0))
+            return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), (path_s, path_rate), no_switches)
         cells = self.scaling.cells  # type: ignore[attr-defined]
         z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 16))  # denser at the ends (square-root behaviour)
         points = [cell.low + (cell.high - cell.low) * z for cell in cells]

@@ -329,12 +329,7 @@ def move(
     >>> print(tw.move("ur5", {"elbow_joint": 1.0}, payload=40).verdict.word)
     OVER LIMIT
     """
-    if not step > 0:
-        raise ValueRangeError(f"{argument('step')} is {printed(step)}. Give seconds above zero.")
-    if fastest and duration is not None:
-        raise ValueRangeError(
-            f"{argument('fastest', True)} computes the duration, and {argument('duration')} sets it. Leave one of them out."
-        )
+    _check_times(step, duration, fastest=fastest)
     arguments.refuse_unused_srdf(clearance, srdf)
     if not isinstance(robot, Robot):
         robot = load(robot)
@@ -344,7 +339,9 @@ def move(
     bounds = _with_uniform_limits(arm, stated_limits, acceleration, jerk)
     q0 = configuration_of(arm, start, degrees=degrees, what=Argument("start", option="from"))
     q1 = configuration_of(arm, to, degrees=degrees, what=Argument("to"), start=q0)
-    hints = [*_degrees_hints(arm, "start", start, q0), *_degrees_hints(arm, "to", to, q1), *loads.unit_hints]
+    hints = _degrees_hints(arm, "start", start, q0)
+    hints += _degrees_hints(arm, "to", to, q1)
+    hints += loads.unit_hints
     uniform_limits = (("acceleration", acceleration), ("jerk", jerk))
     report = MoveReport(
         loads, bounds, None, hints=tuple(hints), degrees=degrees,
@@ -358,7 +355,8 @@ def move(
     waypoint_rows = None if waypoints is None else read_waypoints(arm, waypoints, degrees=degrees)
     joint_path, early_end = path_and_trouble(arm, q0, q1, by, waypoint_rows, path)
     if joint_path is None:
-        return replace(report, refused=Verdict(Word.STOPPED, (str(early_end).removesuffix("."),)))
+        reason = str(early_end).removesuffix(".")
+        return replace(report, refused=Verdict(Word.STOPPED, (reason,)))
     fast = fastest and early_end is None  # the feasible part of a path that ends early has the time scaling
     report = _with_timing(report, joint_path, fast=fast, scaling=scaling, duration=duration)
     if report.trajectory is None:
@@ -366,14 +364,26 @@ def move(
     times = np.linspace(0.0, report.trajectory.duration, SAMPLES)
     positions, _, _ = report.trajectory(times)
     path_clearance = clearance_along(arm, [(times, positions)], clearance, srdf)
-    return replace(report, clearance=path_clearance, early_end="" if early_end is None else str(early_end))
+    end_text = "" if early_end is None else str(early_end)
+    return replace(report, clearance=path_clearance, early_end=end_text)
+
+
+def _check_times(step: float, duration: float | None, *, fastest: bool) -> None:
+    """Raise ValueRangeError for a step that is not above zero, and for a duration of a fastest motion."""
+    if not step > 0:
+        raise ValueRangeError(f"{argument('step')} is {printed(step)}. Give seconds above zero.")
+    if fastest and duration is not None:
+        raise ValueRangeError(
+            f"{argument('fastest', True)} computes the duration, and {argument('duration')} sets it. Leave one of them out."
+        )
 
 
 def _with_timing(
     report: MoveReport, path: JointPath, *, fast: bool, scaling: Scalings, duration: float | None
 ) -> MoveReport:
     """Report with the timing of a path, or with the reason why it has none; other errors get the report's hints as notes."""
-    robot, bounds = report.robot, report.limits
+    robot = report.robot
+    bounds = report.limits
     try:
         trajectory = time_path(
             robot, path, bounds, fast=fast, scaling=scaling, duration=duration, friction=report.friction
@@ -444,7 +454,8 @@ def joint_uses(trajectory: Trajectory, bounds: Limits, *, friction: bool) -> lis
     model = robot.model
     t = np.linspace(0.0, trajectory.duration, SAMPLES)
     q, dq, ddq = trajectory(t)
-    tau = motor_torques(model, required_torques(robot, t, q, dq, ddq, friction=friction))
+    joint_torques = required_torques(robot, t, q, dq, ddq, friction=friction)
+    tau = motor_torques(model, joint_torques)
     drive_velocities = motor_velocities(model, dq)
     way = motor_velocities(model, robot.subtract(q[-1], q[0]))  # couplings map changes of position as velocities
     units = units_of("tau", drive_turns(model))

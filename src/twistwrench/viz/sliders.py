@@ -21,17 +21,18 @@ def sliders_of(model: Model) -> list[dict[str, Any]]:
     """
     sliders: list[dict[str, Any]] = []
     for body in model.leaders:
-        min_position, max_position = -np.inf, np.inf
+        min_position = -np.inf
+        max_position = np.inf
         if body.joint.nv == 1:
             min_position = float(model.limits.lower[body.v_index])
             max_position = float(model.limits.upper[body.v_index])
-        _, velocity_slice = body.places
+        velocity_indices = list(range(body.v_index, body.v_index + body.joint.nv))
         for slider in body.joint.sliders:
             lower, upper = _slider_range(min_position, max_position, slider.reach)
             entry = {
                 "name": f"{body.joint.name}{slider.label}",
                 "q": body.q_index + slider.coordinate,
-                "v": list(range(model.nv)[velocity_slice]),
+                "v": velocity_indices,
                 "unit": slider.unit,
                 "lower": lower,
                 "upper": upper,
@@ -50,7 +51,8 @@ def _slider_range(min_position: float, max_position: float, reach: float) -> tup
     If a limit is missing, the range ends at a distance ``reach`` from zero, or twice ``reach`` from the other limit if that is
     farther out.
     """
-    lower, upper = min_position, max_position
+    lower = min_position
+    upper = max_position
     if not np.isfinite(min_position):
         lower = min(-reach, max_position - 2 * reach)
     if not np.isfinite(max_position):

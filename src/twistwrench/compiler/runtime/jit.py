@@ -21,8 +21,12 @@ if TYPE_CHECKING:
 
 SILENT_SECONDS = 1.0
 """Compile time [s] after which a message appears on the terminal."""
-_LINKER_ERRORS = (RuntimeError, ValueError, KeyError)
-"""Errors of linking: of LLVM, of LLVM with a message that is not UTF-8, and of a missing function."""
+_LINKER_ERRORS = (
+    RuntimeError,  # of LLVM
+    ValueError,  # of LLVM, if its message is not UTF-8
+    KeyError,  # of a missing function
+)
+"""Errors of linking."""
 
 
 class Code(NamedTuple):

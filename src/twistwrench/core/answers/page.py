@@ -176,7 +176,9 @@ class ReportPage:
             scripts = f"{data_script}\n<script>{_START_VIEWER}</script>"
             allowed_scripts = " ".join((digest(_START_VIEWER), *self.viewer.digests))
             policy = f"{POLICY}; frame-src 'self'; script-src {allowed_scripts}"
-        style = page_colours() + (resources.files(__package__) / "page.css").read_text("utf-8")
+        style_sheet = resources.files(__package__) / "page.css"
+        style = page_colours() + style_sheet.read_text("utf-8")
+        data = self.shorten(self._data())
         return _TEMPLATE.format(
             policy=html.escape(policy),
             scripts=scripts,
@@ -184,7 +186,7 @@ class ReportPage:
             style=style,
             kind=_escape(f"twistwrench {self.command} · {self.subject}"),
             body=body,
-            data=self.shorten(self._data()).replace("<", "\\u003c"),
+            data=data.replace("<", "\\u003c"),
         )
 
     def _parts(self) -> list[str]:
@@ -199,7 +201,8 @@ class ReportPage:
         parts += ["<h2>Results</h2>", *map(block_html, result_blocks)]
         if self.details:
             parts += ["<h2>Details</h2>", *map(block_html, self.details)]
-        notes = [block.words for block in self.blocks if isinstance(block, Remark)] + list(self.notes)
+        notes = [block.words for block in self.blocks if isinstance(block, Remark)]
+        notes += self.notes
         if notes:
             items = "".join(f"<li>{_escape(note)}</li>" for note in notes)
             parts.append(f"<h2>Doubts and notes</h2><ul>{items}</ul>")
@@ -345,12 +348,13 @@ def without_folders(texts: Iterable[str]) -> Callable[[str], str]:
     for text in texts:
         parts = [text]
         for separator in _SEPARATORS:
-            parts = separator.join(parts).split(separator)
+            parts = separator.join(parts).split(separator)  # each part is split further
         for part in parts:
             path = Path(part)
             names_folder = path.parent.is_dir() and path.name != part
             if path.name and names_folder:
-                name_by_path |= {part: path.name, str(path.resolve()): path.name}
+                name_by_path[part] = path.name
+                name_by_path[str(path.resolve())] = path.name
     longest_first = sorted(name_by_path, key=len, reverse=True)  # a path may begin with another one
 
     def shorten(text: str) -> str:
@@ -539,7 +543,8 @@ _NAMING_ELEMENTS = re.compile(r'<(h1|th|dt|caption|figcaption|td(?= class="word)
 
 def _terms_in(page: str) -> list[tuple[str, str]]:
     """Terms that occur on a page, with their explanations; everyday words count only in elements that name a quantity."""
-    page_text = html.unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", page, flags=re.DOTALL))  # without tags and pictures
+    without_tags = re.sub(r"<svg.*?</svg>|<[^>]+>", " ", page, flags=re.DOTALL)  # and without pictures
+    page_text = html.unescape(without_tags)
     naming_elements = " ".join(match[0] for match in _NAMING_ELEMENTS.finditer(page))
     names_text = html.unescape(re.sub(r"<[^>]+>", " ", naming_elements))
     terms: list[tuple[str, str]] = []

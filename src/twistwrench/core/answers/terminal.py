@@ -35,7 +35,7 @@ class _Output(Console):
 
     def on_broken_pipe(self) -> None:
         """Raise the error again, so that the command ends with its exit code; Rich would exit with another one."""
-        raise
+        raise  # called while the error is handled
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print without cutting lines, and without wrapping if a text is marked ``no_wrap``."""
@@ -89,11 +89,12 @@ def short_form(blocks: Iterable[Block], hint: str) -> list[Block]:
 
     Lines are counted at 80 columns, so the form is the same at every width. The ``hint`` says how to see everything.
     """
-    form: list[Block] = []
+    shortest: list[Block] = []
     for form in _short_forms(list(blocks), hint):
         if _plain_text(form).count("\n") <= MAX_LINES:
             return form
-    return form
+        shortest = form
+    return shortest
 
 
 def _short_forms(blocks: list[Block], hint: str) -> Iterator[list[Block]]:
@@ -120,8 +121,10 @@ def _with_first_tables(blocks: list[Block], count: int) -> list[Block]:
     omitted_titles = list[str]()
     table_count = 0  # so far
     for block in blocks:
-        table_count += _is_short_table(block)
-        if not _is_short_table(block) or table_count <= count:
+        is_short_table = _is_short_table(block)
+        if is_short_table:
+            table_count += 1
+        if not is_short_table or table_count <= count:
             remaining_blocks.append(block)
         elif isinstance(block, Table):
             words_before_mark, *_ = re.split(r"[:,(]", block.title)

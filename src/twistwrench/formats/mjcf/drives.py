@@ -40,7 +40,8 @@ def motor_joints_of(root: Element, joints: Mapping[str, MjcfJoint], defaults: De
     motor_joints: set[str] = set()
     for child in root.children_in("actuator"):
         actuator = defaults.apply(child)
-        tendon = tendons.get(actuator.attributes.get("tendon", "").strip())
+        tendon_name = actuator.attributes.get("tendon", "").strip()
+        tendon = tendons.get(tendon_name)
         if any(name in actuator.attributes for name in _SLIDER_CRANK_SITES):
             return set()
         if tendon is not None and tendon.tag != "fixed":
@@ -168,13 +169,16 @@ def _force_range(actuator: Element, settings: Settings) -> Array:
         return UNKNOWN_RANGE
     if kind == "dcmotor" and "saturation" in actuator.attributes:  # takes the place of a force range
         return _saturation_range(actuator)
-    types = [actuator.attributes.get(name, default) for name, default in _GAIN_ONLY_TYPES.items()]
-    has_gain_only = kind == "motor" or (kind == "general" and all(t in ("fixed", "none") for t in types))
+    types = {name: actuator.attributes.get(name, default) for name, default in _GAIN_ONLY_TYPES.items()}
+    are_gain_only_types = all(value in ("fixed", "none") for value in types.values())
+    has_gain_only = kind == "motor" or (kind == "general" and are_gain_only_types)
     force_range = UNKNOWN_RANGE
     if has_gain_only and has_active_range(actuator, "ctrllimited", "ctrlrange", settings):
         gain = 1.0
         if kind == "general":
-            gain, *_ = actuator.floats("gainprm", (1.0, *([0.0] * 9)))
+            gain, *_ = actuator.floats(
+                "gainprm", (1.0, *([0.0] * 9))
+            )  # ten numbers, of which a fixed gain uses the first
         control_range = _numbers_of_range(actuator, "ctrlrange")
         force_range = np.sort(gain * control_range)  # a negative gain exchanges the sides
     if has_active_range(actuator, "forcelimited", "forcerange", settings):
@@ -273,8 +277,6 @@ def _numbers_of_range(element: Element, attribute: str) -> Array:
 
 ROWS = {"connect": "vx vy vz", "weld": "wx wy wz vx vy vz"}
 """Components of the relative velocity that each kind of equality prevents."""
-_SITE_ATTRIBUTES = ("site1", "site2")
-"""Attributes of an equality between two sites."""
 
 
 def constraints_of(root: Element, defaults: Defaults) -> list[Element]:
@@ -345,7 +347,8 @@ def add_closures(
             continue
         name = constraint.attributes.get("name", "").strip() or f"{constraint.tag}{k}"
         if "site1" in constraint.attributes:
-            frame_a, frame_b = (_read_site_name(builder, constraint.text(attribute)) for attribute in _SITE_ATTRIBUTES)
+            frame_a = _read_site_name(builder, constraint.text("site1"))
+            frame_b = _read_site_name(builder, constraint.text("site2"))
             if not frame_a or not frame_b:
                 continue
         else:

@@ -56,11 +56,11 @@ class _SdfWriter:
     def write(self) -> RobotDocument:
         """Text of links with their joints, depth first, then of frames, and what it cannot represent."""
         parts = self.parts
-        world = self.root
-        if not np.array_equal(parts.gravity, GRAVITY):
-            world = new("world", self.root, name="world")
-            new("gravity", world, figures(parts.gravity))
-        world.add(self.model)
+        parent_of_model = self.root
+        if not np.array_equal(parts.gravity, GRAVITY):  # gravity belongs to a world
+            parent_of_model = new("world", self.root, name="world")
+            new("gravity", parent_of_model, figures(parts.gravity))
+        parent_of_model.add(self.model)
         self._add_root()
         for entry in parts.joints:
             self._add_joint(entry)
@@ -74,8 +74,8 @@ class _SdfWriter:
     def _add_sites(self) -> None:
         """Add a frame for each site. Frames cannot belong to the world: a link that is fixed to it takes its sites."""
         parts = self.parts
-        joints_to_root = (joint for joint in parts.joints if joint.fixed and joint.parent == parts.root)
-        joint_to_world = next(joints_to_root, None)
+        fixed_at_root = (joint for joint in parts.joints if joint.fixed and joint.parent == parts.root)
+        joint_to_world = next(fixed_at_root, None)  # the root is the world if it is used
         for site in parts.additions.sites.values():
             if self.link_names[site.link] != WORLD:
                 self._frame(self._name("site", site.name), site.link, site.pose)
@@ -102,8 +102,8 @@ class _SdfWriter:
         if not parts.floating:
             self._joint(self._name("joint", f"{parts.root}.fixed"), "fixed", WORLD, parts.root)
             return
-        root_drive = drive_of(parts, ROOT_JOINT, self.losses)
-        if any(root_drive):
+        has_damping_friction_or_armature = any(drive_of(parts, ROOT_JOINT, self.losses))
+        if has_damping_friction_or_armature:
             self.losses.note_joint(ROOT_JOINT, "has damping, friction or armature, which the format cannot represent")
 
     def _add_joint(self, entry: JointEntry) -> None:
@@ -153,14 +153,14 @@ class _SdfWriter:
         parent = entry.parent
         carrier = self.link_names[self.carriers[entry.parent]]
         T = entry.placement
-        for letter, kind, direction in (("x", "prismatic", e1), ("y", "prismatic", e2), ("theta", "continuous", w)):
+        for coordinate, kind, direction in (("x", "prismatic", e1), ("y", "prismatic", e2), ("theta", "continuous", w)):
             child = entry.child
-            if letter != "theta":
-                child = f"{entry.child}:{entry.name}.{letter}"
+            if coordinate != "theta":
+                child = f"{entry.child}:{entry.name}.{coordinate}"
                 self.link_names[child] = self._name("link", child)
                 self.carriers[child] = child
             self._link(child, parent, T)
-            name = self._name("joint", f"{entry.name}.{letter}")
+            name = self._name("joint", f"{entry.name}.{coordinate}")
             joint = self._joint(name, kind, carrier, child)
             self._drive(entry.name, joint, self._axis(joint, direction))
             parent = child
@@ -219,7 +219,7 @@ class _SdfWriter:
             if "spring_stiffness" in dynamics_values:
                 self.losses.note_joint(name, "has a second spring, which is left out")
                 continue
-            dynamics_values["spring_reference"] = spring.rest / weight
+            dynamics_values["spring_reference"] = spring.rest / weight  # the spring's length is weight * position
             dynamics_values["spring_stiffness"] = spring.stiffness * weight**2
         if any(dynamics_values.values()):
             if axis is None:
@@ -273,7 +273,7 @@ class _SdfWriter:
         self._pose(frame, None, T)
 
     def _pose(self, element: Element, parent: str | None, T: Array) -> None:
-        """Add the pose of an element, relative to ``parent`` if that is a link other than the world."""
+        """Add the pose of an element, relative to the link ``parent``; the world and None stand for the model's frame."""
         attributes = {}
         if parent and self.link_names[parent] != WORLD:
             attributes["relative_to"] = self.link_names[parent]

@@ -41,7 +41,7 @@ class _UrdfWriter:
     def write(self) -> RobotDocument:
         """Text of links in document order, then of joints depth first, and what it cannot represent."""
         parts = self.model_parts
-        world = ""
+        world = ""  # name of the link above a floating root
         if parts.floating:
             world = unused("world", self.link_names)
             self._link(world, SpatialInertia.zero())
@@ -136,8 +136,8 @@ class _UrdfWriter:
             slide_name = unused(f"{name}.slide", self.joint_names)
             slide = self._joint(slide_name, "prismatic", turned_link, moved_link, np.eye(4))
             new("axis", slide, xyz=figures(screw.direction))
-            infinite = np.full(1, np.inf)
-            no_limits = Limits(lower=-infinite, upper=infinite, velocity=infinite, effort=infinite)
+            infinity = np.full(1, np.inf)
+            no_limits = Limits(lower=-infinity, upper=infinity, velocity=infinity, effort=infinity)
             self._add_limit(slide, no_limits)
             self._add_mimic(slide, name, screw.pitch, 0.0)
             self.losses.note_joint(
@@ -170,7 +170,8 @@ class _UrdfWriter:
         if is_continuous:
             names = ["velocity", "effort"]
         limit_by_name = {name: float(getattr(limits, name)[0]) for name in names}
-        is_any_finite = bool(np.isfinite(list(limit_by_name.values())).any())
+        limit_values = list(limit_by_name.values())
+        is_any_finite = bool(np.isfinite(limit_values).any())
         finite_limits_of_1_2: dict[str, float] = {}
         for name in LIMITS_OF_1_2:
             limit = float(getattr(limits, name)[0])

@@ -81,7 +81,11 @@ class FittedLog:
 
     def first_parameters(self, groups: Iterable[int]) -> str:
         """Names of the first parameters of the groups with the given indices, separated by semicolons."""
-        return "; ".join(self.base.names[k].split(" ")[0] for k in groups)
+        first_names = []
+        for k in groups:
+            first_name, *_ = self.base.names[k].split(" ")
+            first_names.append(first_name)
+        return "; ".join(first_names)
 
     @cached_property
     def other_motion(self) -> Array:
@@ -100,7 +104,8 @@ class FittedLog:
         They are 0 for joints without a torque, and for groups that are held at known values.
         """
         W = self.other_motion
-        rms_torques = np.sqrt(((W @ self.x) ** 2).mean(axis=0))
+        torques = W @ self.x
+        rms_torques = np.sqrt((torques**2).mean(axis=0))
         rms_changes = np.sqrt((W**2).mean(axis=0)) * self.deviations
         shares = rms_changes / np.maximum(rms_torques, 1e-300)[:, None]  # 1e-300: also without any torque
         return np.asarray(np.where(self.dead[:, None] | self.base.held, 0.0, shares))

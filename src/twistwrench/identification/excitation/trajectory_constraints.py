@@ -45,15 +45,15 @@ class TrajectoryConstraints:
         The share of an edge is linear in x: (high - x) / size or (x - low) / size. The columns of x are positions,
         velocities, accelerations, torques and distances.
         """
-        b = self.bounds
-        half_ranges = (b.upper - b.lower) / 2.0
+        bounds = self.bounds
+        half_ranges = (bounds.upper - bounds.lower) / 2.0
         neutral_distances, _ = self._clearances(self.robot.neutral[None])
         margins = np.full(neutral_distances.shape[1], MARGIN)
         margins[self.capsules.count :] = 0.0  # the user's distances may reach 0
         margins[: len(self.capsules.margins)] = self.capsules.margins
-        symmetric_bounds = np.concatenate([b.velocity, b.acceleration, b.effort])  # on both sides of 0
-        high = np.concatenate([b.upper, symmetric_bounds, np.full(len(margins), np.inf)])
-        low = np.concatenate([b.lower, -symmetric_bounds, margins])
+        symmetric_bounds = np.concatenate([bounds.velocity, bounds.acceleration, bounds.effort])  # on both sides of 0
+        high = np.concatenate([bounds.upper, symmetric_bounds, np.full(len(margins), np.inf)])
+        low = np.concatenate([bounds.lower, -symmetric_bounds, margins])
         position_sizes = np.where(np.isfinite(half_ranges), half_ranges, 1.0)  # 1 rad or m without two limits
         sizes = np.concatenate([position_sizes, symmetric_bounds, np.full(len(margins), _CLEARANCE_SIZE)])
         upper_columns = np.flatnonzero(np.isfinite(high))
@@ -148,7 +148,9 @@ class TrajectoryConstraints:
 def half_and_middle(bounds: Limits) -> tuple[Array, Array]:
     """Half the range of positions (nv,), and its middle (nv,); not finite for joints without both limits."""
     with np.errstate(invalid="ignore"):  # inf - inf
-        return (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
+        half = (bounds.upper - bounds.lower) / 2.0
+        middle = (bounds.upper + bounds.lower) / 2.0
+    return half, middle
 
 
 def shared_bounds(bounds: Limits, share: float) -> Limits:

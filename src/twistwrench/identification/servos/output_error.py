@@ -110,12 +110,13 @@ class OutputErrorFit:
 
     def evidence(self, cost: float, other: float, more: int = 0) -> float:
         """Logarithm of the odds of another model, with Σ r² = ``other`` and ``more`` additional unknowns, against ``cost``."""
-        count = (self.freedom + 1.0) * len(self.sigma)  # blocks of time, times joints
-        return float(0.5 * count * np.log(cost / other) - 0.5 * more * np.log(count))
+        data_count = (self.freedom + 1.0) * len(self.sigma)  # n nv: blocks of time, times joints
+        return float(0.5 * data_count * np.log(cost / other) - 0.5 * more * np.log(data_count))
 
     def half_width(self, direction: Array, level: float = 0.95) -> float:
         """Half width of the interval of a linear combination of the unknowns."""
-        return float(student_quantile(self.freedom, level) * np.sqrt(direction @ self.covariance @ direction))
+        variance = direction @ self.covariance @ direction
+        return float(student_quantile(self.freedom, level) * np.sqrt(variance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +156,7 @@ class OutputErrorProblem:
 
     def residuals_at(self, p: Array) -> list[Array]:
         """Residuals (m, nv) of the used rows of each log, for unknowns p (4 nv + 1,)."""
-        return [e[0] for e in self.residuals(p[None])]
+        return [e[0] for e in self.residuals(p[None])]  # of the only sample
 
     def flat(self, p: Array) -> Array:
         """(S, M) residuals r of all logs, in units of their expected size; large for motions that are not finite."""

@@ -185,7 +185,8 @@ class IdentifiedServos(Answer):
         half_widths = self.relative(level)
         bounds: dict[str, Array] = {}
         for name, x in values.items():
-            low, high = x * np.exp(-half_widths[name]), x * np.exp(half_widths[name])
+            low = x * np.exp(-half_widths[name])
+            high = x * np.exp(half_widths[name])
             bounds[name] = np.stack([low, high], axis=1)
         return bounds
 

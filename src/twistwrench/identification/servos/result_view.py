@@ -65,7 +65,7 @@ def _determined_count(found: IdentifiedServos) -> int:
 
 
 def _delay_text(found: IdentifiedServos) -> str:
-    """``12.3 ± 0.45 ms``."""
+    """Delay with its half width, such as ``12.3 ± 0.45 ms``."""
     half_width_with_unit = quantity(_MILLI * found.delay_half_width, "ms", 2, decimals=2)
     return f"{number(_MILLI * found.delay, 3, decimals=1)} ± {half_width_with_unit}"
 
@@ -103,8 +103,9 @@ def _accuracy(found: IdentifiedServos) -> str:
         if widest[name] <= MAX_WIDTH_DETERMINED:
             texts.append(f"{noun} {relative_width(widest[name])}")
         else:
-            share = float(found.torque_shares[name][found.whole].max())
-            texts.append(f"{noun} ± {percent(share, 2)} of the joint's torque")
+            shares_of_determined = found.torque_shares[name][found.whole]
+            largest_share = float(shares_of_determined.max())
+            texts.append(f"{noun} ± {percent(largest_share, 2)} of the joint's torque")
     return ", ".join(texts)
 
 
@@ -126,17 +127,18 @@ def _value_table(found: IdentifiedServos) -> Table:
     return Table("Servos", *columns, words("known", known_values, fold=False), most=_MAX_ROWS)
 
 
-def relative_width(width: float) -> str:
+def relative_width(half_width: float) -> str:
     """Text of the half width of log(value), as a relative deviation of the value; ``unknown`` from a factor of ten."""
-    if width < _MAX_SHOWN_WIDTH:
-        return f"± {percent(math.expm1(width), 2)}"  # e^width - 1: from the value to the interval's upper end
+    if half_width < _MAX_SHOWN_WIDTH:
+        relative_deviation = math.expm1(half_width)  # from the value to the interval's upper end
+        return f"± {percent(relative_deviation, 2)}"
     return "unknown"
 
 
-def _cells(values: Array, widths: Array, determined: Array, units: Sequence[str]) -> list[str]:
+def _cells(values: Array, half_widths: Array, determined: Array, units: Sequence[str]) -> list[str]:
     """Text for each joint, such as ``820 N m/rad ± 0.3 %``; an undetermined value in parentheses."""
     cells = []
-    for value, width, is_determined, unit in zip(values, widths.tolist(), determined, units, strict=True):
-        text = f"{quantity(value, unit, 3)} {relative_width(width)}"
+    for value, half_width, is_determined, unit in zip(values, half_widths.tolist(), determined, units, strict=True):
+        text = f"{quantity(value, unit, 3)} {relative_width(half_width)}"
         cells.append(text if is_determined else f"({text})")
     return cells

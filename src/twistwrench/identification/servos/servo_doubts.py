@@ -93,8 +93,8 @@ def _correlations_and_slopes(logs: Sequence[ServoLog]) -> tuple[Array, Array]:
         c_norms = np.linalg.norm(c, axis=0)
         correlations_by_delay.append(q.T @ c / np.maximum(q_norms[:, None] * c_norms, _MIN_NORM))
     stacked = np.stack(correlations_by_delay)
-    best_delay = np.abs(stacked).argmax(axis=0)
-    correlations = np.take_along_axis(stacked, best_delay[None], axis=0)[0]
+    best_delay = np.abs(stacked).argmax(axis=0)  # index, of each pair of joints
+    (correlations,) = np.take_along_axis(stacked, best_delay[None], axis=0)
     ratio = q_norms / np.maximum(c_norms, _MIN_NORM)
     return correlations, np.diagonal(correlations) * ratio
 

@@ -50,7 +50,9 @@ def write_servos(
     """
     if found.verdict.word is Word.LOOK_AGAIN and not force:
         raise ValueRangeError(f"nothing is written after {found.verdict}. Pass force=True to write all the same.")
-    is_written = np.ones(len(found.joints), bool) if force else found.whole  # for each joint
+    is_written = np.asarray(found.whole, bool)  # for each joint
+    if force:
+        is_written = np.ones(len(found.joints), bool)
     if not is_written.any():
         raise ValueRangeError(
             "nothing is written, as no joint has all values determined. Give one known value, known={'JOINT.kp': 25}, or pass "
@@ -73,7 +75,7 @@ def write_servos(
             temporary.write_text(actuator_text, encoding="utf-8")
     delay = quantity(_MILLI * found.delay, "ms", 3)
     notes = [f"commands reach the servos {delay} late, which no file represents: delay them"]
-    not_written = [found.joints[j] for j in np.flatnonzero(~np.asarray(is_written, bool))]
+    not_written = [found.joints[j] for j in np.flatnonzero(~is_written)]
     if not_written:
         notes.append(f"values of {listed(not_written, _MAX_LISTED)} are not determined, and not written")
     return tuple(notes)
@@ -100,8 +102,9 @@ def mjcf_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.ndarray
     comment = (
         f"{SIGNATURE}: version {__version__}, {date.today().isoformat()}, servos from commands and positions; kv has the "
         f"servo's and the joint's damping; delay the commands by {number(found.delay, 4)} s"
-    ).replace("--", "- -")  # XML forbids -- inside a comment
-    changes.add(root, f"<!-- {comment} -->\n  <actuator>\n{''.join(actuators)}  </actuator>\n")
+    )
+    xml_comment = comment.replace("--", "- -")  # XML forbids -- inside a comment
+    changes.add(root, f"<!-- {xml_comment} -->\n  <actuator>\n{''.join(actuators)}  </actuator>\n")
     text = changes.apply(subject.text)
     _check(text, subject, found, written)
     return encode_as(text, subject.data)
@@ -125,7 +128,8 @@ def _check(text: str, subject: Subject, found: IdentifiedServos, written: Sequen
     read_index = {name: k for k, name in enumerate(read_model.velocity_names)}
     for j in np.flatnonzero(written).tolist():
         k = read_index[found.joints[j]]
-        armature, coulomb = found.armature[j], found.coulomb[j]
+        armature = found.armature[j]
+        coulomb = found.coulomb[j]
         is_armature_same = abs(read_model.armature[k] - armature) <= _MAX_DIFFERENCE * armature
         is_friction_same = abs(read_model.friction.coulomb[k] - coulomb) <= _MAX_DIFFERENCE * coulomb
         if not (is_armature_same and is_friction_same):

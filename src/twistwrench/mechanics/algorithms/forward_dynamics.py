@@ -86,10 +86,13 @@ def articulated_dynamics(
     drive_torques = armature_forces(model, dq, zeros(model.nv))  # of armatures at q̈ = 0
     tau = tau - spring_forces(model, q) - drive_torques
     rotor_inertia = model.armature if added is None else added + model.armature
-    A, p, c = [], [], []  # of each body
-    w = {BASE: zeros(3)}
+    A = []  # articulated inertia of each body
+    p = []  # (6,) of each body: the wrench at dV = 0
+    c = []  # (6,) of each body: the acceleration due to velocities
+    w = {BASE: zeros(3)}  # angular velocity of each body
     for i, parent in outward(model):
-        R, r = T[i][:3, :3], T[i][:3, 3]
+        R = T[i][:3, :3]
+        r = T[i][:3, 3]
         w_joint, v_joint = joint_twists[i][:3], joint_twists[i][3:]
         w[i] = R.T @ w[parent] + w_joint
         c_angular = so3.cross(w[i], w_joint)
@@ -106,10 +109,10 @@ def articulated_dynamics(
         body = model.bodies[i]
         S = body.joint.axes
         U = np.array([A[i] @ axis for axis in S]).T
-        _, columns = body.places
-        D = with_diagonal(S @ U, rotor_inertia[columns])
+        _, velocity_slice = body.places
+        D = with_diagonal(S @ U, rotor_inertia[velocity_slice])
         D_factors = ldl_factors(D)
-        u = tau[columns] - S @ p[i]  # (2)
+        u = tau[velocity_slice] - S @ p[i]  # (2)
         U_D_inverse = np.array([solve_ldl(*D_factors, row) for row in U])
         joint_solutions[i] = U_D_inverse, solve_ldl(*D_factors, u)
         if parent != BASE:
@@ -124,8 +127,8 @@ def articulated_dynamics(
         U_D_inverse, D_inverse_u = joint_solutions[i]
         dV_carried = Ad(T[i]).inverse @ dV[parent] + c[i]
         ddq_joint = D_inverse_u - U_D_inverse.T @ dV_carried
-        _, columns = body.places
-        ddq[columns] = ddq_joint
+        _, velocity_slice = body.places
+        ddq[velocity_slice] = ddq_joint
         dV[i] = dV_carried + ddq_joint @ body.joint.axes  # (4)
     return ddq
 

@@ -37,7 +37,8 @@ def joints_are_independent(model: Model) -> bool:
     """True if joints share neither velocities nor motors, and no armature has velocity products: only bodies depend on dq."""
     if model.couplings or any(body.follows for body in model.bodies):
         return False
-    return next(iter(armature_symbols(model)), None) is None
+    has_velocity_products = any(True for _ in armature_symbols(model))
+    return not has_velocity_products
 
 
 def relations(model: Model) -> Relations:

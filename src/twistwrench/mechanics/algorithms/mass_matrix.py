@@ -120,9 +120,9 @@ def mass_matrix(model: Model, q: Array) -> Array:
                 F = to_parent[j] @ F
     armature = armature_matrix(model)
     M = with_diagonal(M, armature.diagonal())
-    for velocity_indices, _, _ in model.coupled:  # of joints that share motors
+    for velocity_indices, *_ in model.coupled:  # of joints that share motors
         for i, j in permutations(velocity_indices, 2):
-            if not is_zero(armature[i, j]):
+            if not is_zero(armature[i, j]):  # tracing then omits the sum
                 M[i, j] = M[i, j] + armature[i, j]
     return M
 

@@ -110,9 +110,11 @@ class NewtonStep:
         ``angles`` are q for sines and cosines. ``inputs`` are the poses T_d, the posture if there is one, and the squared
         tolerances [rad², m²]. Conditions are numbers 0 and 1, since compiled code has no branches here.
         """
-        best_q, (best_status, best_cost), best_e, held, (idle, continues) = np.split(passed, np.cumsum(self.sizes)[:-1])
+        best_q, status_and_cost, best_e, held, idle_and_continues = np.split(passed, np.cumsum(self.sizes)[:-1])
+        best_status, best_cost = status_and_cost
+        idle, continues = idle_and_continues
         pose_values = 16 * len(self.frames)
-        flat_targets, posture, tolerances = np.split(inputs, [pose_values, len(inputs) - 2])
+        flat_targets, posture, tolerances = np.split(inputs, [pose_values, len(inputs) - 2])  # the last two: tolerances
         targets = flat_targets.reshape(-1, 4, 4)
         e, displacements = self.residual(angles, targets)  # (1)
         V = self.scale * e
@@ -160,7 +162,8 @@ class NewtonStep:
         If only some rows of a frame are requested, its angular and linear parts are evaluated separately. The displacements are
         the requested linear rows of all frames.
         """
-        residuals, displacements = [], [np.zeros(0)]
+        residuals = []
+        displacements = [np.zeros(0)]
         last_row = np.array([[0.0, 0.0, 0.0, 1.0]])
         for (frame, rows), T_d in zip(self.frames, targets, strict=True):
             T = forward_kinematics(self.model, angles, frame)
@@ -168,9 +171,10 @@ class NewtonStep:
             linear_rows = [row - 3 for row in rows if row >= 3]
             displacements.append(difference[linear_rows, 3])
             if len(rows) == 6:
-                residuals.append(pose_log(difference)[0])
+                twist, _ = pose_log(difference)
+                residuals.append(twist)
             else:
-                rotation_vector = rotation_log(difference[:3, :3])[0]
+                rotation_vector, _ = rotation_log(difference[:3, :3])
                 six_rows = np.concatenate([rotation_vector, difference[:3, 3]])
                 residuals.append(six_rows[list(rows)])
         if self.loops is not None:
@@ -212,7 +216,7 @@ class NewtonStep:
             z_free = None if z is None else z * is_free
             dq_free = _damped_step(J * is_free, damping, V, z_free)
             is_free = is_free * (1.0 - _exceeds_limits(dq_free, *limits))
-            if round_number == self.rounds - 1:
+            if round_number == self.rounds - 1:  # the last round; without held joints the first step stays
                 dq = np.array([either(any_held, with_held, x) for with_held, x in zip(dq_free, dq, strict=True)])
         max_length = _LONGEST_POSTURE_STEP if self.posture else _LONGEST_STEP
         shortened_dq = dq * (max_length / largest(dq, max_length))
@@ -228,7 +232,8 @@ class NewtonStep:
 
     def limit_masks(self, q: Array) -> tuple[Array, Array]:
         """Masks (nv,) of joints at their lower and at their upper limit: 1 at the limit, else 0."""
-        at_low, at_high = zeros(self.model.nv), zeros(self.model.nv)
+        at_low = zeros(self.model.nv)
+        at_high = zeros(self.model.nv)
         for k, i in enumerate(self.coordinates):
             if np.isfinite(self.low[k]):
                 at_low[k] = 1.0 - positive(q[i] - (self.low[k] + _LIMIT_MARGIN))

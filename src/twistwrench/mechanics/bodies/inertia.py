@@ -291,7 +291,8 @@ class SpatialInertia(metaclass=HintedClass):
             The inertia is not finite.
         """
         if not np.isfinite(self.parameters).all():
-            raise InertiaError(f"this inertia has no principal axes: it {self.defects()[0]}.")
+            first_defect, *_ = self.defects()
+            raise InertiaError(f"this inertia has no principal axes: it {first_defect}.")
         moments, axes = np.linalg.eigh(self.moment_about_com)
         return moments, consistency.principal_axes(moments, axes)
 
@@ -359,13 +360,19 @@ class SpatialInertia(metaclass=HintedClass):
             raise ValueRangeError(f"no coordinate axis {k!r}; choose 0, 1 or 2.")
         arguments.one(angle, "angle", symbols=True)
         x, y, z = (k + 1) % 3, (k + 2) % 3, k
-        s, c = np.sin(angle), np.cos(angle)
+        s = np.sin(angle)
+        c = np.cos(angle)
         h = self.first_moment.astype(object)
-        h[x], h[y] = c * h[x] - s * h[y], s * h[x] + c * h[y]
+        h_x = c * h[x] - s * h[y]
+        h_y = s * h[x] + c * h[y]
+        h[x] = h_x
+        h[y] = h_y
         I = self.moment_about_origin.astype(object)
         e = s * (I[x, x] - I[y, y]) + c * (I[x, y] + I[x, y])
-        xz, yz = c * I[x, z] - s * I[y, z], s * I[x, z] + c * I[y, z]
-        I[x, x], I[y, y] = I[x, x] - s * e, I[y, y] + s * e
+        xz = c * I[x, z] - s * I[y, z]
+        yz = s * I[x, z] + c * I[y, z]
+        I[x, x] = I[x, x] - s * e
+        I[y, y] = I[y, y] + s * e
         I[x, y] = I[y, x] = c * e - I[x, y]
         I[x, z] = I[z, x] = xz
         I[y, z] = I[z, y] = yz

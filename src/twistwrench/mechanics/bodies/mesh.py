@@ -46,7 +46,8 @@ def mass_com_and_inertia(
     With the corners a_i of a tetrahedron whose fourth corner is the origin, their sum s, and d = det(a_1, a_2, a_3), the
     integrals of 1, r and r r' over its volume are d/6, d s/24 and d (Σ a_i a_i' + s s')/120.
     """
-    if not 0.0 < arguments.number(scale, "mesh: scale") < np.inf:
+    scale_number = arguments.number(scale, "mesh: scale")
+    if not 0.0 < scale_number < np.inf:
         raise ValueRangeError(f"mesh: scale is {scale}, and must be positive and finite.")
     name, vertices, faces = _read(surface)
     _require_closed(name, vertices, faces)
@@ -63,13 +64,14 @@ def mass_com_and_inertia(
     signs = np.where(is_inverted, -1.0, 1.0) * shell_signs
     determinants = signs[shell_of_face] * oriented_determinants
     volume = determinants.sum() / 6.0
-    if not math.isfinite(volume) or not math.cbrt(volume) > _MIN_VOLUME_EDGE * extent:
+    min_edge = _MIN_VOLUME_EDGE * extent
+    if not math.isfinite(volume) or not math.cbrt(volume) > min_edge:
         raise ModelError(f"{name} encloses no volume ({printed(volume, 3)} m³).")
     corner_sums = corners.sum(axis=1)
     h = determinants @ corner_sums / 24.0  # ∫ r
-    squares_of_corners = np.einsum("k,kia,kib->ab", determinants, corners, corners)
-    squares_of_sums = np.einsum("k,ka,kb->ab", determinants, corner_sums, corner_sums)
-    S = (squares_of_corners + squares_of_sums) / 120.0  # ∫ r r'
+    products_of_corners = np.einsum("k,kia,kib->ab", determinants, corners, corners)  # Σ d a_i a_i'
+    products_of_sums = np.einsum("k,ka,kb->ab", determinants, corner_sums, corner_sums)  # Σ d s s'
+    S = (products_of_corners + products_of_sums) / 120.0  # ∫ r r'
     m = total_mass("mesh", float(volume), mass, density)
     rho = m / volume
     c = h / volume
@@ -112,12 +114,13 @@ def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array
         vertices, faces = read_surface(Path(surface))
         return str(surface), vertices, faces
     try:
-        corners, triangles = surface
-        vertices, faces = arguments.real(corners, "vertices"), np.asarray(triangles)
+        given_vertices, given_faces = surface
+        vertices = arguments.real(given_vertices, "vertices")
+        faces = np.asarray(given_faces)
     except (TypeError, ValueError):
         raise ShapeError("a mesh is a file name or a pair (vertices (n, 3), faces (k, 3)).") from None
-    are_tables = vertices.ndim == faces.ndim == 2 and vertices.shape[1] == faces.shape[1] == 3
-    if not are_tables or not faces.size:
+    have_three_columns = vertices.shape[1:] == (3,) and faces.shape[1:] == (3,)
+    if not have_three_columns or not faces.size:
         raise ShapeError(f"vertices have shape {vertices.shape} and faces {faces.shape}, expected (n, 3) and (k, 3).")
     are_integers = np.issubdtype(faces.dtype, np.integer)
     if not are_integers or faces.min() < 0 or faces.max() >= len(vertices):
@@ -149,8 +152,9 @@ def _require_closed(name: str, vertices: Array, faces: Array) -> None:
     if not np.isfinite(vertices[faces]).all():
         raise ValueRangeError(f"{name} has corners that are not finite numbers.")
     edges = edges_of(faces)
-    keys = edges[:, 0] * len(vertices) + edges[:, 1]  # a number for each directed edge
-    reverse_keys = edges[:, 1] * len(vertices) + edges[:, 0]
+    start, end = edges.T  # indices of vertices
+    keys = start * len(vertices) + end  # a number for each directed edge
+    reverse_keys = end * len(vertices) + start
     unique_keys, rows_of_unique_keys, counts = np.unique(keys, return_index=True, return_counts=True)
     unique_edges = edges[rows_of_unique_keys]
     one_sided_edges = unique_edges[~np.isin(unique_keys, reverse_keys)]
@@ -194,7 +198,7 @@ def hull_faces(points: Array) -> Array | None:
     in_plane = points.shape[1] == 2
     if in_plane:
         return faces
-    a, b, c = np.moveaxis(points[faces], 1, 0)
+    a, b, c = np.moveaxis(points[faces], 1, 0)  # first, second and third corner of each face, (k, 3)
     outward_normals = hull.equations[:, :3]
     normals = np.cross(b - a, c - a)
     is_inward = (normals * outward_normals).sum(axis=1) < 0

@@ -52,7 +52,7 @@ def common_frame(known: str | None = None, **values: Any) -> str | None:
         raise FrameError(
             f"{', '.join(descriptions)}: a body's equations hold in one frame. Move one first, with a Pose between them."
         )
-    return next(iter(frames), None)
+    return next(iter(frames), None)  # the only one
 
 
 def numbers(**vectors: Any) -> list[Array]:
@@ -188,9 +188,10 @@ class RigidBody:
         T = arguments.real(T_sb, "T_sb", 4, 4)
         g = arguments.real(gravity, "gravity", 3)
         try:
-            g_b = (np.swapaxes(T[..., :3, :3], -1, -2) @ g[..., None])[..., 0]
+            g_column = np.swapaxes(T[..., :3, :3], -1, -2) @ g[..., None]
         except ValueError:
             raise arguments.mismatch(T_sb=T, gravity=g) from None
+        g_b = g_column[..., 0]
         return np.concatenate([so3.cross(self.inertia.first_moment, g_b), self.inertia.mass * g_b], axis=-1)
 
     # ── points, frames, flight ──
@@ -221,7 +222,9 @@ class RigidBody:
         V, dV = numbers(V=V, dV=dV)
         r = arguments.real(r, "r", 3)
         V, dV = arguments.together(V=V, dV=dV)
-        w, dw, dv = V[..., :3], dV[..., :3], dV[..., 3:]
+        w = V[..., :3]
+        dw = dV[..., :3]
+        dv = dV[..., 3:]
         return dv + so3.cross(dw, r) + so3.cross(w, self.point_velocity(V, r))
 
     def in_frame(self, T_ab: ArrayLike) -> RigidBody:

@@ -50,14 +50,19 @@ def euler_axis(k: int, first: int, cosine_sine: CosineSine) -> Array:
     """ω_b per unit rate of alpha, beta or gamma (k = 0, 1, 2), with the angles in entries ``first`` to ``first`` + 2."""
     cb, sb = cosine_sine(first + 1)  # of beta
     cg, sg = cosine_sine(first + 2)  # of gamma
-    columns = [(-sb, cb * sg, cb * cg), (0, cg, -sg), (1, 0, 0)]  # of E in euler_rates
+    columns = [  # of E in euler_rates
+        (-sb, cb * sg, cb * cg),  # alpha
+        (0, cg, -sg),  # beta
+        (1, 0, 0),  # gamma
+    ]
     return np.array(columns[k], object)
 
 
 def euler_rates(angles: Array, rates: Array) -> tuple[Array, Array, Array]:
     """Quaternion of ZYX Euler angles (alpha, beta, gamma), the matrix E in ω_b = E times their rates, and dE/dt."""
     # cb, sb: cosine and sine of beta; cg, sg: of gamma; db, dg: rates of both
-    (cb, cg), (sb, sg) = np.cos(angles[1:]), np.sin(angles[1:])
+    cb, cg = np.cos(angles[1:])
+    sb, sg = np.sin(angles[1:])
     _, db, dg = rates
     E = np.array([[-sb, 0, 1], [cb * sg, cg, 0], [cb * cg, -sg, 0]])
     dE = np.array(

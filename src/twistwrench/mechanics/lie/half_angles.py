@@ -28,7 +28,7 @@ class HalfAngle(NamedTuple):
     """(angle - sin(angle)) / angle³."""
 
 
-# Coefficients in angle² of the functions of HalfAngle; the first omitted terms are below 1e-19 at 1 rad.
+# Taylor coefficients in angle² of the three functions of HalfAngle; the first omitted terms are below 1e-19 at 1 rad.
 _HALF = [(-1.0) ** k / (2.0 ** (2 * k + 1) * math.factorial(2 * k + 1)) for k in range(9)]
 _COSINE = [(-1.0) ** k / (4.0**k * math.factorial(2 * k)) for k in range(9)]
 _THIRD = [(-1.0) ** k / math.factorial(2 * k + 3) for k in range(9)]
@@ -44,7 +44,8 @@ def half_angle(square: Any) -> HalfAngle:
     large_square = _clip_below(square, 1.0)
     angle = np.sqrt(large_square)
     half_of_angle = _clip_above(0.5 * angle, LARGEST_HALF_TURN)
-    sine, cosine = np.sin(half_of_angle), np.cos(half_of_angle)
+    sine = np.sin(half_of_angle)
+    cosine = np.cos(half_of_angle)
     is_large = 0.5 + 0.5 * _sign(square - 1.0)  # 1 above 1 rad, 0 below
     closed_half = sine / angle
     closed_third = (1.0 - 2.0 * sine * cosine / angle) / large_square  # sin(x) = 2 sin(x/2) cos(x/2)

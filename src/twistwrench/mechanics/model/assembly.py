@@ -32,7 +32,8 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
         return model
     carriers = _carriers(model, poses)
     moving_bodies = [body for i, body in enumerate(model.bodies) if i not in poses]
-    inertias = {BASE: model.base_inertia} | {i: body.inertia for i, body in enumerate(moving_bodies)}  # by new index
+    inertias = {i: body.inertia for i, body in enumerate(moving_bodies)}  # by new index
+    inertias[BASE] = model.base_inertia
     for i in sorted(poses):
         carrier, T = carriers[i]
         inertia = model.bodies[i].inertia
@@ -53,9 +54,11 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
     bodies = []
     for i, body in enumerate(moving_bodies):
         carrier, T = carriers[body.parent]
-        q_index, v_index = 0, 0  # of a body without coordinates
+        q_index = 0  # of a body without coordinates
+        v_index = 0
         if body.joint.nv:
-            q_index, v_index = new_q_index[body.q_index], new_v_index[body.v_index]
+            q_index = new_q_index[body.q_index]
+            v_index = new_v_index[body.v_index]
         placement = snap_pose(product(T, body.placement), model.snap)
         bodies.append(
             replace(body, parent=carrier, placement=placement, inertia=inertias[i], q_index=q_index, v_index=v_index)
@@ -184,7 +187,9 @@ def assemble(
             fixed_poses[i] = IDENTITY if entry.fixed else entry.joint.pose(np.array([drive.offset]))
         indices = leader_indices.get(drive.leader, _Indices(0, 0))
         follows = entry.name in drives
-        effort = float(entry.limits.effort[0]) if follows and entry.joint.nv else np.inf
+        effort = np.inf
+        if follows and entry.joint.nv:
+            effort = float(entry.limits.effort[0])
         bodies.append(
             Body(
                 entry.joint, entry.child, body_of_link.get(entry.parent, BASE), snap_pose(entry.placement, snap),
@@ -225,7 +230,8 @@ def _with_configurations(model: Model, positions_by_name: Mapping[str, Mapping[s
 def _leader_indices(leaders: Iterable[JointEntry]) -> dict[str, _Indices]:
     """Indices of each leader by name, in the order of q."""
     leader_indices: dict[str, _Indices] = {}
-    nq, nv = 0, 0
+    nq = 0  # number of coordinates so far
+    nv = 0
     for entry in leaders:
         leader_indices[entry.name] = _Indices(nq, nv)
         nq += entry.joint.nq
@@ -287,9 +293,10 @@ def _spring_of_leaders(spring: Spring, drives: Mapping[str, Drive], leader_indic
 
 def _root_entry(root: str) -> JointEntry:
     """Floating joint of the root link."""
-    infinite = np.full(6, np.inf)
+    infinity = np.full(6, np.inf)
+    no_limits = Limits(-infinity, infinity, infinity, infinity)
     joint = Floating(ROOT_JOINT, np.eye(6))
-    return JointEntry(joint, "", root, IDENTITY, Limits(-infinite, infinite, infinite, infinite), 0.0, 0.0, None, "")
+    return JointEntry(joint, "", root, IDENTITY, no_limits, 0.0, 0.0, None, "")
 
 
 def _friction_and_armature(

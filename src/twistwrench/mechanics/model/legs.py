@@ -109,8 +109,8 @@ def legs_of(model: Model) -> tuple[tuple[str, ...], ...]:
     hanging = _base_on_legs(model)
     if hanging is None:
         return ()
-    links = _chains(model)
-    return tuple(tuple(links[leg]) for leg in hanging.legs)
+    links_of_chain = _chains(model)
+    return tuple(tuple(links_of_chain[leg]) for leg in hanging.legs)
 
 
 def _bodies_on_free_roots(model: Model) -> list[Body]:
@@ -124,6 +124,7 @@ def _base_on_legs(model: Model) -> HangingBase | None:
     up = vertical_axis(model.gravity)
     if model.gravity @ up > 0.0:  # the axis points down
         up = -up
+    # the first rule that finds legs
     legs = stance.lowest_branches(up) or stance.sideways_branches(up) or stance.flat_branches(up)
     if not legs:
         return None
@@ -270,7 +271,8 @@ class _Stance:
         """True if two branches have equally many joints and nearly the same mass."""
         reference_mass = self._mass(reference)
         mass_difference = abs(self._mass(chain) - reference_mass)
-        return len(chain) == len(reference) and mass_difference <= MAX_MASS_DIFFERENCE * reference_mass
+        is_as_heavy = mass_difference <= MAX_MASS_DIFFERENCE * reference_mass
+        return len(chain) == len(reference) and is_as_heavy
 
     def _hip_offset(self, chain: Chain, up: Array) -> Array:
         """Horizontal vector from the base's centre to a branch's first joint."""

@@ -54,8 +54,7 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         return simulation_file(file)
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
         arrays, notes = reader(file)
-    max_row_size = _MAX_NUMBER_SIZE * MAX_COLUMNS  # bytes
-    wide_arrays = [name for name, array in arrays.items() if array.shape and array.row_size > max_row_size]
+    wide_arrays = _wide_arrays(arrays)
     if wide_arrays:
         note = f"Not read, as a row of it has more than {MAX_COLUMNS} numbers: {listed(wide_arrays)}."
         notes = (*notes, note)
@@ -74,14 +73,16 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         used_arrays = {column.array: arrays[column.array] for column in used_columns}
         total_size = sum(array.size for array in used_arrays.values())  # bytes
         check_ratio(path, total_size, file.size)
-        largest_row_size = max(1, *(array.row_size for array in used_arrays.values()))
+        row_sizes = [array.row_size for array in used_arrays.values()]  # bytes
+        largest_row_size = max(1, *row_sizes)
         max_rows = max(1, min(log_table.ROWS, _PORTION_SIZE // largest_row_size))
         first_dates: dict[int, Array] = {}  # by column
         begin = 0
-        for portions in zip(*[array.portions(max_rows) for array in used_arrays.values()], strict=True):
+        portions_of_arrays = [array.portions(max_rows) for array in used_arrays.values()]
+        for portions in zip(*portions_of_arrays, strict=True):
             portion_by_array = dict(zip(used_arrays, portions, strict=True))
             end = begin + len(portions[0])
-            selected_rows: Any = ...
+            selected_rows: Any = ...  # all
             if episode_rows is not None:
                 selected_rows = episode_rows[begin:end]
             begin = end
@@ -101,6 +102,12 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         _, dataset = read_metadata(path)
     labels = tuple(column.label for column in columns)
     return ArrayFile(path, labels, file.size, read_portions, notes, dataset=dataset)
+
+
+def _wide_arrays(arrays: Mapping[str, StoredArray]) -> list[str]:
+    """Names of the arrays with too many numbers in a row."""
+    max_row_size = _MAX_NUMBER_SIZE * MAX_COLUMNS  # bytes
+    return [name for name, array in arrays.items() if array.shape and array.row_size > max_row_size]
 
 
 @dataclass(frozen=True)
@@ -175,7 +182,8 @@ def _episode_rows(path: Path, episodes: StoredArray | None, episode: int | None)
         return None
     if episode is None or episode not in episode_numbers:
         finding = "several episodes" if episode is None else f"no episode {episode}"
-        first_episode, last_episode = int(episode_numbers[0]), int(episode_numbers[-1])
+        first_episode = int(episode_numbers[0])
+        last_episode = int(episode_numbers[-1])
         raise TrajectoryError(
             f"{path}: has {finding}: {first_episode} to {last_episode}. Choose one: {{0}}.",
             Argument("episode", first_episode),

@@ -128,7 +128,8 @@ class Recording:
     def stamps(self, time: Array) -> Array:
         """Stamps (n,) of times [ns]; raises ValueRangeError if they are negative or too large for ROS."""
         stamps = self.epoch + np.rint(time * NANOSECONDS).astype(np.int64)
-        first_stamp, last_stamp = stamps[0], stamps[-1]
+        first_stamp = stamps[0]
+        last_stamp = stamps[-1]
         if first_stamp < 0 or last_stamp >= _MAX_STAMP * NANOSECONDS:
             raise ValueRangeError(
                 f"stamps of recordings are from 0 to {_MAX_STAMP} s, and the motion is from "
@@ -157,7 +158,9 @@ def _results(report: TorqueReport) -> Iterator[Portion]:
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.abs(load.drive_torques(torques)) / report.limits.effort
         for joints, motor_per_joint, _ in model.coupled:  # each coupled joint has the largest share of its motors
-            share[:, joints] = np.max(share[:, joints, None] * (motor_per_joint != 0), axis=1)
+            is_motor_of_joint = motor_per_joint != 0
+            shares_of_motors = share[:, joints, None] * is_motor_of_joint  # (n, motors, joints)
+            share[:, joints] = np.max(shares_of_motors, axis=1)
         states_by_topic["share"] = JointStates(tau=share)
         yield states.time, states.q, states_by_topic
 

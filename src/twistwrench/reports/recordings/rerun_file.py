@@ -94,7 +94,8 @@ class _CurveWriter:
 
 def _duplicate_rows(states: JointStates) -> JointStates:
     """States with each row twice."""
-    return JointStates(*(None if x is None else np.repeat(x, 2, axis=0) for x in states))
+    doubled = [None if rows is None else np.repeat(rows, 2, axis=0) for rows in states]
+    return JointStates(*doubled)
 
 
 def _log_links(rerun: Any, stream: Any, description: Element) -> Any:
@@ -115,6 +116,8 @@ def _curves(recording: Recording, topic: str, states: JointStates) -> Iterator[t
         if is_result and quantity != "effort":  # the motion's own topic has positions and velocities
             continue
         path = topic.split("/") if is_result else [topic, quantity]
-        units = ["1"] * len(joint_names) if topic == "share" else recording.units[quantity]
+        units = recording.units[quantity]
+        if topic == "share":  # without unit
+            units = ["1"] * len(joint_names)
         for joint_name, unit, curve in zip(joint_names, units, values.T, strict=True):
             yield (*path, joint_name), unit, curve

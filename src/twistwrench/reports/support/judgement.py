@@ -83,7 +83,8 @@ def _doubts(found: GroundSupport) -> Iterator[str]:
     if found.balancing.any():
         yield _balancing_doubt(found)
     in_flight = ~found.aground
-    weight = found.robot.model.moving_mass * float(np.linalg.norm(found.robot.model.gravity))
+    model = found.robot.model
+    weight = model.moving_mass * float(np.linalg.norm(model.gravity))
     needed_force = float(found.need[in_flight].max(initial=0.0))
     if needed_force > SHARE * weight and found.sliding is None:
         yield f"no foot is down {_span_text(found.time, in_flight)}, and the base needs {number(needed_force, 3)} N there"
@@ -127,7 +128,8 @@ def _friction_text(coefficient: float) -> str:
     """Coefficient with two significant digits, rounded up, in steps of a thousandth at least."""
     if coefficient <= 0:
         return number(0.0)
-    second_digit = 10.0 ** (math.floor(math.log10(coefficient)) - 1)
+    power_of_first_digit = math.floor(math.log10(coefficient))
+    second_digit = 10.0 ** (power_of_first_digit - 1)
     step = max(second_digit, _FRICTION_STEP)
     steps = math.ceil(coefficient / step - _ROUND_OFF)
     return number(steps * step, 3)
@@ -216,14 +218,16 @@ def _margin_text(value: float) -> str:
     """Margin with three significant digits, rounded down; 0 for a negative one."""
     if value <= 0:
         return number(0.0)
-    third_digit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    power_of_first_digit = math.floor(math.log10(value))
+    third_digit = 10.0 ** (power_of_first_digit - 2)
     steps = math.floor(value / third_digit * (1 + 1e-9))  # 1e-9: a whole number of steps stays whole
     return number(steps * third_digit, 3)
 
 
 def _mass_text(mass: float) -> str:
     """Mass in hundredths of a kilogram, rounded up."""
-    return number(math.ceil(100 * mass - _ROUND_OFF) / 100, 4)
+    hundredths = math.ceil(100 * mass - _ROUND_OFF)
+    return number(hundredths / 100, 4)
 
 
 def _failure_and_frames(found: GroundSupport, k: int) -> tuple[str, list[str]]:
@@ -279,11 +283,12 @@ def standing_words(found: GroundSupport) -> str:
         margins.append(f"{_margin_text(speed_margin)} × this speed{noise_interval}")
     if math.isfinite(mass_margin):
         margins.append(f"{_margin_text(mass_margin)} kg more")
-    words = _friction_words(found, f"stands{_slope_words(found)}", " or ".join(margins))
+    beginning = f"stands{_slope_words(found)}"
+    words = _friction_words(found, beginning, " or ".join(margins))
     zmp_margins = found.zmp_margin[is_judged & np.isfinite(found.zmp_margin)]  # [m]
     if not math.isfinite(speed_margin) and len(zmp_margins):
-        margin = _margin_text(_MILLI * float(zmp_margins.min()))
-        words += f". Its zero moment point is {margin} mm inside its support"
+        least_margin = _MILLI * float(zmp_margins.min())  # [mm]
+        words += f". Its zero moment point is {_margin_text(least_margin)} mm inside its support"
     return words
 
 
@@ -295,27 +300,27 @@ def ground_words(found: GroundSupport) -> str:
     return "; ".join(verdict.reasons)
 
 
-def _friction_words(found: GroundSupport, stands: str, margins: str) -> str:
-    """Sentence that begins with ``stands``: the friction that is needed, whether it is given or assumed, then the margins."""
+def _friction_words(found: GroundSupport, beginning: str, margins: str) -> str:
+    """Sentence with a beginning, then the friction that is needed, whether it is given or assumed, and the margins."""
     needed_friction = _needed_friction(found)
     given = _given_friction(found)
     assumed = number(ASSUMED_FRICTION)
     before_margins = ", and holds"
     if not _has_friction(found):
-        words = f"{stands}, without any friction"
+        words = f"{beginning}, without any friction"
     elif found.ground.given and found.strained and needed_friction == 0:
-        words = f"{stands} with the friction given, {given}"
+        words = f"{beginning} with the friction given, {given}"
     elif found.ground.given:
         needed = f"friction {_friction_text(needed_friction)}" if needed_friction else "no friction"
-        words = f"{stands}. It needs {needed} (given {given})"
+        words = f"{beginning}. It needs {needed} (given {given})"
         before_margins = " and holds"
     elif needed_friction > 0:
-        words = f"{stands}, if the ground gives friction {_friction_text(needed_friction)}"
+        words = f"{beginning}, if the ground gives friction {_friction_text(needed_friction)}"
         before_margins = f". With {assumed} it holds"
     elif found.strained:
-        words = f"{stands} on ground of friction {assumed}"
+        words = f"{beginning} on ground of friction {assumed}"
     else:
-        words = f"{stands}, without any friction"
+        words = f"{beginning}, without any friction"
         before_margins = f". With friction {assumed} it holds"
     if margins:
         words += f"{before_margins} up to {margins}"

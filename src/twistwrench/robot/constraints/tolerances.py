@@ -40,7 +40,9 @@ def row_sizes(closed: ConstrainedRobot, new: Constraint) -> tuple[Array, Array]:
     rows = list(new.rows)
     sizes = six_sizes(closed.open(), new)
     length = robot_length(closed.open().model)
-    lever = np.clip(sizes[3] / sizes[0], MIN_LEVER_OF_LENGTH * length, MAX_LENGTH)  # linear over angular size
+    angular_size = sizes[0]  # of the first angular row
+    linear_size = sizes[3]  # of the first linear row
+    lever = np.clip(linear_size / angular_size, MIN_LEVER_OF_LENGTH * length, MAX_LENGTH)
     spans = np.repeat([1.0, lever], 3)
     return np.concatenate([closed.sizes, sizes[rows]]), np.concatenate([closed.spans, spans[rows]])
 
@@ -61,7 +63,8 @@ def _whole_length(model: Model) -> float:
         lower = np.abs(model.limits.lower[body.v_index + sliding_axes])
         upper = np.abs(model.limits.upper[body.v_index + sliding_axes])
         strokes = np.maximum(lower, upper)
-        stroke = float(sum(np.where(np.isfinite(strokes), strokes, MAX_LENGTH)))
+        finite_strokes = np.where(np.isfinite(strokes), strokes, MAX_LENGTH)
+        stroke = float(sum(finite_strokes))
         lever = float(np.linalg.norm(body.placement[:3, 3]))
         distances[i] = distances[body.parent] + lever + abs(body.ratio) * stroke
     frames = model.frames.values()
@@ -102,6 +105,7 @@ def six_sizes(robot: Robot, constraint: Constraint) -> Array:
 def rate_units(closed: ConstrainedRobot) -> Array:
     """Unit of the rate of each velocity: 1 rad/s, or the robot's length per second."""
     model = closed.open().model
-    axes = np.concatenate([np.zeros((0, 6)), *(body.joint.axes for body in model.leaders)])
+    no_axes = np.zeros((0, 6))  # for a model without joints
+    axes = np.concatenate([no_axes, *[body.joint.axes for body in model.leaders]])
     is_angular = axes[:, :3].any(axis=1)
     return np.where(is_angular, 1.0, robot_length(model))

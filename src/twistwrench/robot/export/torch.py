@@ -33,8 +33,10 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
     _ = quantity.kernel  # built now: torch.compile cannot trace the construction of a kernel
 
     def function(*tensors: Any) -> Any:
-        tensors = tuple(map(torch.as_tensor, quantity.brought("to_torch", tensors, torch.Tensor)))
+        arrays = quantity.brought("to_torch", tensors, torch.Tensor)
+        tensors = tuple(map(torch.as_tensor, arrays))
         quantity.require_shapes("to_torch", [tuple(t.shape) for t in tensors])
+        # the usual case needs no conversion
         if not all(t.is_cpu and t.dtype is torch.float64 and t.layout is torch.strided for t in tensors):
             tensors = _convert_to_common_type(torch, quantity, tensors)
         return compute(*tensors)
@@ -62,7 +64,7 @@ class _Differentiable:
         """Gradients dx = d(w . f)/dx of the needed inputs, by their entries."""
         needed_names = tuple(compress(self.names, needed))
         gradient = self.quantity.derivative(needed_names, "weighted")
-        takes_weights = len(gradient.inputs) > len(tensors)  # a scalar result has its weight factored out
+        takes_weights = len(gradient.inputs) > len(tensors)  # else G has weight 1, and is scaled below
         inputs = [*tensors]
         if takes_weights:
             inputs += weights
@@ -73,7 +75,9 @@ class _Differentiable:
             gradients = _result_list(compute_gradient(*inputs))
         if not takes_weights:
             (weight,) = weights
-            gradients = [g * weight.reshape(weight.shape + (1,) * (g.ndim - weight.ndim)) for g in gradients]
+            for k, g in enumerate(gradients):
+                new_axes = (1,) * (g.ndim - weight.ndim)
+                gradients[k] = g * weight.reshape(weight.shape + new_axes)
         gradient_of = dict(zip(needed_names, gradients, strict=True))
         dx = []
         for name, tensor in zip(self.names, tensors, strict=True):
@@ -94,7 +98,7 @@ class _Differentiable:
     def _backward_again(
         self, names: tuple[str, ...], tensors: Sequence[Any], v: Sequence[Any], needed: Sequence[bool]
     ) -> list[Any]:
-        """d(G . v) with respect to inputs x and weights w; G has the gradients by the named inputs."""
+        """Gradients of G . v by x and w, None if not needed. G are the gradients by the inputs ``names``."""
         input_count = len(self.names)
         x, w = tensors[:input_count], tensors[input_count:]
         v_of = dict(zip(names, v, strict=True))
@@ -117,8 +121,8 @@ class _Differentiable:
                 return tuple(_evaluate_program(torch, derivative.program, x))
 
             def backward(tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
-                _, gradients_of_weights = torch.func.vjp(results, *tensors)
-                return _needed_gradients(gradients_of_weights(tuple(weights)), needed)
+                _, pull_back = torch.func.vjp(results, *tensors)  # from weights to gradients
+                return _needed_gradients(pull_back(tuple(weights)), needed)
 
             self._functions[derivative] = _function(torch, derivative, backward)
         return self._functions[derivative]
@@ -160,12 +164,13 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
             aligned_tensors = list(tensors)
             for k, (t, d, rank) in enumerate(zip(tensors, dims, ranks, strict=True)):
                 if d is not None:
-                    moved = t.movedim(d, 0)
+                    with_axis_first = t.movedim(d, 0)
+                    new_size, *other_sizes = with_axis_first.shape
                     missing_axes = (1,) * (max(ranks) - rank)
-                    aligned_tensors[k] = moved.reshape((moved.shape[0], *missing_axes, *moved.shape[1:]))
+                    aligned_tensors[k] = with_axis_first.reshape((new_size, *missing_axes, *other_sizes))
             results = Transformed.apply(*aligned_tensors)
             if isinstance(results, tuple):
-                return results, (0,) * len(results)
+                return results, (0,) * len(results)  # the new axis is the first of each result
             return results, 0
 
     class Plain(torch.autograd.Function):  # type: ignore[misc]
@@ -178,6 +183,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
         backward, jvp = staticmethod(gradients), staticmethod(forward_mode)
 
+    # without this function of PyTorch, the variant for torch.func serves all calls
     transforms_are_active = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
     plain = Plain.apply
     transformed = Transformed.apply
@@ -211,11 +217,11 @@ def _evaluate_program(torch: Any, program: Program, tensors: Sequence[Any]) -> l
     def where(condition: Any, a: Any, b: Any) -> Any:
         return torch.where(condition, as_tensor(a), as_tensor(b))
 
-    entries = iter(evaluated(program, elements, functions_of(torch, where)))
+    result_entries = iter(evaluated(program, elements, functions_of(torch, where)))
     results = []
     for port in program.outputs:
-        port_entries = [as_tensor(next(entries)).expand(batch) for _ in range(port.size)]
-        flat_result = tensors[0].new_zeros((*batch, 0))
+        port_entries = [as_tensor(next(result_entries)).expand(batch) for _ in range(port.size)]
+        flat_result = tensors[0].new_zeros((*batch, 0))  # for an output without entries, which stack refuses
         if port_entries:
             flat_result = torch.stack(port_entries, dim=-1)
         results.append(flat_result.reshape((*batch, *port.shape)))

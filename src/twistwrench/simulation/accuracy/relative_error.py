@@ -48,21 +48,25 @@ class Extent:
         rows: Any = slice(None)
         if len(states) > MAX_ROWS:
             rows = np.linspace(0, len(states) - 1, MAX_ROWS).round().astype(int)
-        displacements = np.ascontiguousarray(robot.subtract(states[rows, : robot.nq], states[0, : robot.nq]).T)
-        rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)  # contiguous rows are faster
+        displacements_of_rows = robot.subtract(states[rows, : robot.nq], states[0, : robot.nq])
+        displacements = np.ascontiguousarray(displacements_of_rows.T)  # contiguous rows are faster
+        rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)
         joint_travels = displacements.max(axis=1) - displacements.min(axis=1)
         joint_speeds = np.maximum(rates.max(axis=1), -rates.min(axis=1))
         travels = np.zeros(robot.nv)
         spans = np.zeros(robot.nv)
-        angular = np.array([turns for body in robot.model.leaders for turns in body.joint.turning], bool)
-        for kind in (angular, ~angular):  # masks of revolute and of prismatic joints
-            if not kind.any():
+        turning: list[bool] = []  # of each velocity
+        for body in robot.model.leaders:
+            turning += body.joint.turning
+        is_angular = np.array(turning, bool)
+        for is_of_kind in (is_angular, ~is_angular):  # masks of revolute and of prismatic joints
+            if not is_of_kind.any():
                 continue
-            largest_travel = joint_travels[kind].max()
-            largest_speed = joint_speeds[kind].max()
-            travels[kind] = largest_travel
+            largest_travel = joint_travels[is_of_kind].max()
+            largest_speed = joint_speeds[is_of_kind].max()
+            travels[is_of_kind] = largest_travel
             if largest_speed > 0.0:
-                spans[kind] = largest_travel / largest_speed
+                spans[is_of_kind] = largest_travel / largest_speed
         return cls(travels, spans)
 
 

@@ -52,12 +52,13 @@ class SampledSteps(NamedTuple):
 
     def pick(self, index: Any) -> SampledSteps:
         """Steps selected by an array or slice, or a single one by an integer."""
-        return SampledSteps(*(x[index] for x in self))
+        return SampledSteps(*[x[index] for x in self])
 
     @classmethod
     def join(cls, parts: list[SampledSteps]) -> SampledSteps:
         """Concatenate several samples."""
-        return cls(*map(np.concatenate, zip(*parts, strict=True)))
+        arrays_by_field = zip(*parts, strict=True)
+        return cls(*map(np.concatenate, arrays_by_field))
 
 
 @lru_cache(maxsize=16)
@@ -154,12 +155,13 @@ class StepDoubling:
         counts_as_changed = changed.copy()
         if changed.any():
             if changed[0] and self._last_step is not None:
-                self._add_changed(SampledSteps(*(np.asarray(x)[None] for x in self._last_step)))
+                last_step_in_batch = SampledSteps(*[np.asarray(x)[None] for x in self._last_step])
+                self._add_changed(last_step_in_batch)
             counts_as_changed[:-1] |= changed[1:]
             self._add_changed(steps.pick(np.flatnonzero(counts_as_changed)))
         self._last_step = None
         if not counts_as_changed[-1]:
-            self._last_step = SampledSteps(*(x[-1].copy() for x in steps))
+            self._last_step = SampledSteps(*[x[-1].copy() for x in steps])
         self.steps = first + m
 
     def _add_changed(self, steps: SampledSteps) -> None:
@@ -200,10 +202,11 @@ class StepDoubling:
         if not halved_parts:
             return None
         results = [np.concatenate(arrays) for arrays in zip(*halved_parts, strict=True)]
-        is_finite = np.isfinite(results[2]).all(axis=1)  # after two halves
+        _, _, all_after_halves, _ = results
+        is_finite = np.isfinite(all_after_halves).all(axis=1)
         if not is_finite.any():
             return None
-        numbers, after_whole, after_halves, decay = (x[is_finite] for x in results)
+        numbers, after_whole, after_halves, decay = [x[is_finite] for x in results]
         q = slice(0, flow.system.nq)
         v = flow.system.moving
         q_differences = flow.system.robot.subtract(after_whole[:, q], after_halves[:, q])
@@ -254,7 +257,8 @@ class StepDoubling:
     def _half_steps(self, flow: Flow, step: SampledSteps) -> Array:
         """State after two steps of half the length."""
         half = 0.5 * self.h
-        return flow.after(step.t + half, flow.after(step.t, step.y, half), half)
+        middle = flow.after(step.t, step.y, half)
+        return flow.after(step.t + half, middle, half)
 
     def _halve_with_lag(self, flow: Flow, step: SampledSteps) -> tuple[Array, Array]:
         """State after two half steps whose velocities lag by h/2, as after the step, and accelerations after the step.
@@ -266,7 +270,8 @@ class StepDoubling:
         """
         v = (..., flow.system.moving)
         half = 0.5 * self.h
-        start, end = step.y.copy(), step.after
+        start = step.y.copy()  # shifted below
+        end = step.after
         start[v] += 0.5 * half * step.accelerations
         halved = self._half_steps(flow, step._replace(y=start))
         half_step_later, accelerations = flow.step_and_accelerations(step.t + self.h, end, half)

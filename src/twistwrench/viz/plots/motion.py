@@ -129,9 +129,8 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     legend_handles: dict[str, Any] = {}
 
     def draw(axis: style.Axes, k: int) -> None:
-        areas, _, _ = style.stack(
-            axis, motion.time, ((_TERMS[name], style.CAUSES[name], x[:, k]) for name, x in drawn_terms.items())
-        )
+        layers = [(_TERMS[name], style.CAUSES[name], x[:, k]) for name, x in drawn_terms.items()]
+        areas, _, _ = style.stack(axis, motion.time, layers)
         legend_handles.update(areas)
         (total_line,) = axis.plot(motion.time, motion.torques[:, k], color=style.INK, linewidth=1.2)
         legend_handles["together"] = total_line
@@ -192,7 +191,7 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
         style.titles(energy_axis, "Work and energy since the beginning")
         for axis in (power_axis, energy_axis):
             axis.margins(x=0)
-            axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+            axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))  # right of the panel
         return style.save(drawn, path)
 
 
@@ -237,9 +236,9 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.add_collection(
             LineCollection(segments, array=motion.time[1:], cmap=style.time_colours(), norm=time_scale, linewidths=1.3)
         )
-        marker: dict[str, Any] = {"color": style.INK, "markersize": 4, "linestyle": "none"}
-        (legend_handles["beginning"],) = axis.plot(*points[0], "o", **marker)
-        (legend_handles["end"],) = axis.plot(*points[-1], "s", markerfacecolor=style.PAPER, **marker)
+        marker_style: dict[str, Any] = {"color": style.INK, "markersize": 4, "linestyle": "none"}
+        (legend_handles["beginning"],) = axis.plot(*points[0], "o", **marker_style)
+        (legend_handles["end"],) = axis.plot(*points[-1], "s", markerfacecolor=style.PAPER, **marker_style)
         low = points.min(axis=0)  # least position and least velocity
         high = points.max(axis=0)
         padding = np.maximum(_PADDING * (high - low), _MIN_PADDING)
@@ -258,18 +257,22 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.set_ylim(low[1] - padding[1], high[1] + padding[1])
         axis.axhline(0, color=style.AXIS, linewidth=0.6)
         angular = bool(coordinates.angular_velocity[k])
-        remark = "no torque limit"
-        colour = style.QUIET
-        if np.isfinite(effort[k]):
-            share = motion.peaks[k] / effort[k]  # over all rows, as in the torque report
-            remark = f"torque {percent_of_limit(share)}"
-            if over_limit(share):
-                colour = style.OVER
+        remark, colour = _torque_remark(motion.peaks[k], effort[k])  # the peak over all rows, as in the torque report
         style.titles(axis, robot.model.velocity_names[k], remark, colour)
         axis.set_ylabel(f"velocity [{unit_of('dq', angular)}]", fontsize=style.SMALL_FONT)
         axis.set_xlabel(f"position [{unit_of('q', angular)}]", fontsize=style.SMALL_FONT)
 
-    return _panels(motion, path, joints, "velocity over position", draw, legend_handles, "", time_scale)
+    title = "velocity over position"
+    return _panels(motion, path, joints, title, draw, legend_handles, x_label="", time_scale=time_scale)
+
+
+def _torque_remark(peak: float, limit: float) -> tuple[str, str]:
+    """Text on a peak torque and its limit, inf if there is none, and the colour of the text."""
+    if not np.isfinite(limit):
+        return "no torque limit", style.QUIET
+    share = peak / limit
+    colour = style.OVER if over_limit(share) else style.QUIET
+    return f"torque {percent_of_limit(share)}", colour
 
 
 def _panels(
@@ -297,7 +300,7 @@ def _panels(
             draw(axis, torque_indices[k])
             is_lowest = k + columns >= panel_count
             if x_label and is_lowest:
-                axis.tick_params(labelbottom=True)
+                axis.tick_params(labelbottom=True)  # a shared axis hides them above an empty cell
                 axis.set_xlabel(x_label, fontsize=style.SMALL_FONT)
         if time_scale is not None:
             from matplotlib.cm import ScalarMappable
@@ -318,7 +321,9 @@ def _torque_indices(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
     if not joints:
         return list(range(model.nv))
     joints = (joints,) if isinstance(joints, str) else joints
-    indices_by_joint = {b.joint.name: range(b.v_index, b.v_index + b.joint.nv) for b in model.leaders}
+    indices_by_joint: dict[str, range] = {}
+    for body in model.leaders:
+        indices_by_joint[body.joint.name] = range(body.v_index, body.v_index + body.joint.nv)
     for name in joints:
         if name not in indices_by_joint:
             raise UnknownNameError.from_choices("joint", name, indices_by_joint)
@@ -343,7 +348,7 @@ def _work(t: Array, power: Array) -> Array:
 
 
 def plot_motion(motion: Motion, path: str | Path, bounds: Limits | None = None, *, friction: bool = False) -> Path:
-    """Plot velocities and torques of a motion as shares of their limits.
+    """Plot velocities and torques of a motion as shares of their limits, by default the robot's own.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
         axis.set_xlabel(f"{x_name} [m]")
     axes[0].set_ylabel(f"{y_name} [m]")
     crosses = [_draw_cross(axis, tip_place) for axis in axes]
-    figure.legend(crosses[:1], ["the pose above"], loc="outside lower center")
+    figure.legend(crosses[:1], ["the pose above"], loc="outside lower center")  # one entry for both halves
     bar = figure.colorbar(images[0], ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
     ticks = _round_ticks(low, high)
     bar.set_ticks(ticks, labels=[number(tick) for tick in ticks], minor=False)
@@ -207,7 +207,8 @@ def _flat_caption(polytope: WrenchPolytope) -> str:
         return "The structure bears forces\nin every direction here."
     _, _, right_vectors = np.linalg.svd(polytope.borne.T)
     free_direction = right_vectors[-1]  # across the two borne directions
-    if free_direction[np.argmax(np.abs(free_direction))] <= 0:
+    largest_component = np.argmax(np.abs(free_direction))
+    if free_direction[largest_component] <= 0:
         free_direction = -free_direction
     forces = polytope.vertices @ free_direction
     return (
@@ -236,7 +237,8 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
         label=_ELLIPSOID_LABEL,
     )  # fmt: skip
     points = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     centre = (low + high) / 2
     half_range = 0.5 * (high - low).max()  # of all axes alike
     for k, letter in enumerate("xyz"):
@@ -291,7 +293,8 @@ def _plane(polytope: WrenchPolytope) -> tuple[Array, Array]:
         horizontal = y_in_plane
     horizontal = horizontal / np.linalg.norm(horizontal)
     upward = np.cross(n, horizontal)
-    if upward[np.argmax(np.abs(upward))] <= 0:
+    largest_component = np.argmax(np.abs(upward))
+    if upward[largest_component] <= 0:
         upward = -upward
     return horizontal, upward
 
@@ -317,8 +320,9 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
         )
         axis.add_collection3d(nearest_polygon)
     rim = [Stroke(linewidth=6, foreground=style.PAPER), Normal()]
+    start_and_tip = np.stack([np.zeros(3), tip], axis=1)  # rows x, y, z
     axis.plot(
-        *np.stack([np.zeros(3), tip], axis=1),
+        *start_and_tip,
         color=style.POINTED,
         linewidth=3,
         label=label,
@@ -326,9 +330,8 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
         path_effects=rim,
     )
     for place, colour, size in (((0, 0, 0), style.INK, 6), (tip, style.POINTED, 9)):
-        axis.plot(
-            *np.reshape(place, (3, 1)), "o", color=colour, markersize=size, markeredgecolor=style.PAPER, zorder=11
-        )
+        x, y, z = place
+        axis.plot([x], [y], [z], "o", color=colour, markersize=size, markeredgecolor=style.PAPER, zorder=11)
 
 
 def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
@@ -364,7 +367,7 @@ def _draw_shares(axis: Any, largest: LargestPayload, carried: str) -> None:
     max_share = 1.15 * max(1.0, float(np.abs(loaded_shares).max(initial=0)))  # end of the axis
     for limit in (-1, 1):
         axis.axvline(limit, **style.LIMIT)
-        axis.axvspan(limit, 2 * limit * max_share, color=style.OVER, alpha=0.08, linewidth=0)
+        axis.axvspan(limit, 2 * limit * max_share, color=style.OVER, alpha=0.08, linewidth=0)  # beyond the axis' end
     axis.set_xlim(-max_share, max_share)
     axis.set_yticks(bar_places, [name.removesuffix("_joint") for name in largest.joint_names])
     axis.set_ylim(max(len(bar_places), 4) - 0.5, -0.5)  # downwards, with room for four bars at least
