@@ -171,7 +171,7 @@ class ParameterGroups:
         """(k, k) covariance of the independent parameters, with the prior of the fit."""
         A, y = self.fit.weighted_rows
         kept = list(self.independent.columns)
-        prior = self.independent.prior(self.fit.problem.wide)
+        prior = self.independent.prior(self.fit.problem.wide_deviations)
         kept_of_chain = kept[: len(prior)]  # targets have no prior
         N = (A.T @ A)[np.ix_(kept, kept)]
         N[: len(prior), : len(prior)] += (prior.T @ prior)[np.ix_(kept_of_chain, kept_of_chain)]
