@@ -162,7 +162,7 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
     states = rows.states[:: rows.calls_per_step]
     _, states[0] = run.last
     call = rows.call
-    sole = rows.sole  # the only law of torques, if there is one
+    sole = rows.sole  # the only callback, if it gives all torques
     max_squared_speed = MAX_SPEED**2
     function = None if sole is None else sole.function
     done = 0  # number of steps to be stored

@@ -64,7 +64,8 @@ def channel_covariance(Q: Array, half: Array, freedom: Array, groups: Array) -> 
     ν_k = (Σ_c s_kc)² / Σ_c s_kc² / ν_c, with s_kc the part of unknown k's variance due to channel c. Channels of a group have
     one variance and count as one. ``half`` (k, p) maps whitened unknowns to unknowns: it is a square root of the covariance.
     """
-    variance_by_channel = np.stack([((Q[:, c] @ half.T) ** 2).sum(axis=0) for c in range(6)], axis=1)
+    channel_variances = [((Q[:, c] @ half.T) ** 2).sum(axis=0) for c in range(6)]  # moments, then forces
+    variance_by_channel = np.stack(channel_variances, axis=1)
     group_variances: list[Array] = []
     group_freedom: list[float] = []
     for group in np.unique(groups):
@@ -121,7 +122,7 @@ def sum_freedom(variances: Array, freedom: Array) -> Array:
     nu = satterthwaite[both_estimated]
     for _ in range(_MATCHING_STEPS):
         quantile = special.stdtrit(nu, 0.5 * _FALSE_ALARM_RATE)
-        tail = special.ndtr(quantile[:, None, None] / relative_deviation) @ weights @ weights
+        tail = special.ndtr(quantile[:, None, None] / relative_deviation) @ weights @ weights  # over both χ²
         nu = np.minimum(special.stdtridf(tail, quantile), satterthwaite[both_estimated])
     satterthwaite[both_estimated] = nu
     return satterthwaite
@@ -242,7 +243,8 @@ class StateCells:
         """
         effects = []
         for coordinate in (*q.T, *dq.T):
-            part_numbers = np.searchsorted(_edges(coordinate, _COMPARED_PARTS), coordinate)  # of each row
+            edges = _edges(coordinate, _COMPARED_PARTS)
+            part_numbers = np.searchsorted(edges, coordinate)  # of each row
             row_counts = np.bincount(part_numbers, minlength=_COMPARED_PARTS)
             sums = np.stack([np.bincount(part_numbers, column, _COMPARED_PARTS) for column in residuals.T])
             effects.append(float((sums**2 / np.maximum(row_counts, 1)).sum()))

@@ -48,6 +48,8 @@ _MIN_DIVISOR = 1e-300
 _PARAMETERS_PER_BODY = 10
 _VALUE_STEP = 1e-3
 """Step of finite differences of most causes, in the unit of their value."""
+_DEFLECTION_STEP = 1e-4
+"""Step of finite differences of a deflection [rad, m]."""
 _MAX_LOG_FACTOR = 8.0
 """Largest logarithm of a factor that is tried."""
 
@@ -130,7 +132,7 @@ def tilt(s: LogStates, beta: Array) -> LogStates:
 def _horizontal_axes(gravity: Array) -> Array:
     """Two axes perpendicular to gravity, (2, 3)."""
     _, _, axes = np.linalg.svd(gravity[None])
-    return np.asarray(axes[1:])
+    return np.asarray(axes[1:])  # the first is along gravity
 
 
 def time_scale(s: LogStates, factor: float) -> LogStates:
@@ -156,16 +158,16 @@ def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> It
     """
     if largest is None:
         largest = np.abs(torque).max(axis=0)
-    share = torque / np.maximum(largest, _MIN_DIVISOR)
-    rate = s.slope(share)
+    torque_share = torque / np.maximum(largest, _MIN_DIVISOR)
+    rate = s.slope(torque_share)
     acceleration = s.slope(rate)
     joint_count = torque.shape[1]
     for joints in _joint_sets(joint_count):
         is_deflected = np.isin(np.arange(joint_count), joints)
         correct = partial(
-            behind, lag=share * is_deflected, rate=rate * is_deflected, acceleration=acceleration * is_deflected
+            behind, lag=torque_share * is_deflected, rate=rate * is_deflected, acceleration=acceleration * is_deflected
         )
-        yield Cause("elasticity", joints, lambda s, beta, correct=correct: correct(s, beta), 1e-4)
+        yield Cause("elasticity", joints, lambda s, beta, correct=correct: correct(s, beta), step=_DEFLECTION_STEP)
 
 
 def _joint_sets(count: int) -> list[tuple[int, ...]]:
