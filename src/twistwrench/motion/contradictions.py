@@ -67,8 +67,8 @@ def angle_doubts(
     allowed_angle = _MAX_REACH_RATIO * np.maximum(known_reach, _FULL_TURN / _MAX_REACH_RATIO)
     is_far = has_limits & (largest_angle > allowed_angle)
     has_many_turns = largest_angle > _MANY_TURNS
-    half_are_far = is_far.any() and 2 * is_far.sum() >= has_limits.sum()
-    most_of_them_turn_often = 2 * (is_far & has_many_turns).sum() > is_far.sum()
+    half_are_far = is_far.any() and is_far.sum() >= 0.5 * has_limits.sum()
+    most_of_them_turn_often = (is_far & has_many_turns).sum() > 0.5 * is_far.sum()
     if half_are_far and most_of_them_turn_often:
         return [_too_far(names, largest_angle, limits, reach, is_far)]
     stop_doubts = _stop_doubts(names, extent, limits, is_in_radians, origin)
@@ -80,8 +80,9 @@ def angle_doubts(
     seem_radians = are_small and moves[is_in_degrees].any()
     several_in_degrees = is_in_degrees.sum() >= _MIN_JOINTS_IN_DEGREES
     if not (seem_radians and several_in_degrees):
-        most_turn_often = 2 * has_many_turns.sum() > len(names)
-        if most_turn_often and not is_stated.any() and (factor == 1.0).all():
+        most_turn_often = has_many_turns.sum() > 0.5 * len(names)
+        all_in_radians = (factor == 1.0).all() and not is_stated.any()
+        if most_turn_often and all_in_radians:
             return [_too_far(names, largest_angle, limits, reach, has_many_turns, level="note")]
         if is_far.any():
             return [_too_far(names, largest_angle, limits, reach, is_far, level="note")]
@@ -202,6 +203,7 @@ def _too_far(
 
 
 _MAX_LISTED_TIMES = 3
+"""Number of times that a message names."""
 
 
 def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: bool = False) -> list[Doubt]:
@@ -211,7 +213,7 @@ def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: b
         position_glitches = [glitch for glitch in joint_glitches if not glitch.late]
         if not position_glitches:
             continue
-        largest_size = position_glitches[0].size
+        largest_size = position_glitches[0].size  # the largest come first
         size_text = f"{printed(largest_size, 3)} m"
         if glitches.turns[k]:
             size_text = f"{printed(math.degrees(largest_size), 3)} degrees"
@@ -226,9 +228,9 @@ def stamp_doubts(stamps: Mapping[float, float], *, left_out: bool = False) -> li
     if not stamps:
         return []
     largest_delay = max(stamps.values(), key=abs)
-    rows = "1 row" if len(stamps) == 1 else f"{len(stamps)} rows"
+    rows_text = "1 row" if len(stamps) == 1 else f"{len(stamps)} rows"
     direction = "late" if largest_delay > 0 else "early"
-    words = {"rows": rows, "when": _times_text(stamps), "late": seconds(abs(largest_delay)), "way": direction}
+    words = {"rows": rows_text, "when": _times_text(stamps), "late": seconds(abs(largest_delay)), "way": direction}
     return [_row_doubt("stamp", [], words, left_out=left_out)]
 
 

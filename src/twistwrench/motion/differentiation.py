@@ -250,7 +250,6 @@ class Differentiation:
         if columns is None or not derives:
             columns = np.zeros(0, int)
             factors = np.zeros(0)
-
         excerpt_tables = excerpts(trajectory.table, _EXCERPT_COUNT, _EXCERPT_ROWS)
         times = [table[:, trajectory.columns.time] for table in excerpt_tables]
         parts = [table[:, columns] for table in excerpt_tables]

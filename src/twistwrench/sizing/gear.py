@@ -121,16 +121,14 @@ def sized_gear(
     mean_input_speed = average_speed(gear.ratio * speed, cycle.duration)
     peak_row = int(np.abs(cycle.torque).argmax())
     peak_torque = float(np.abs(cycle.torque[peak_row]))
-    peak_time = float(cycle.time[peak_row])
     input_speeds = np.abs(cycle.speed * gear.ratio)
     fastest_row = int(input_speeds.argmax())
     max_input_speed = float(input_speeds[fastest_row])
-    fastest_time = float(cycle.time[fastest_row])
     gear_life, missing_for_life = _life(gear, mean_torque, mean_input_speed)
     demands = [
-        Demand("peak torque", peak_torque, gear.repeated_peak, "N m", peak_time),
+        Demand("peak torque", peak_torque, gear.repeated_peak, "N m", float(cycle.time[peak_row])),
         Demand("average input speed", mean_input_speed / RPM, gear.average_speed / RPM, "rpm"),
-        Demand("input speed", max_input_speed / RPM, gear.maximum_speed / RPM, "rpm", fastest_time),
+        Demand("input speed", max_input_speed / RPM, gear.maximum_speed / RPM, "rpm", float(cycle.time[fastest_row])),
     ]
     if mean_torque > 0:
         demands.insert(0, Demand("average torque", mean_torque, gear.average_torque, "N m"))

@@ -229,8 +229,7 @@ def fly(
     """Free motion of a body; the arguments are those of :meth:`twistwrench.RigidBody.fly`."""
     moments, axes = inertia.principal()
     smallest, _, largest = moments
-    has_definite_rotation = inertia.mass > 0 and smallest > _MIN_MOMENT_RATIO * largest
-    if not has_definite_rotation:
+    if not (inertia.mass > 0 and smallest > _MIN_MOMENT_RATIO * largest):
         raise InertiaError(
             f"a body of mass {printed(inertia.mass)} kg with principal moments {moments.tolist()} kg m² has no definite "
             "rotation. Give it mass, and some thickness."
@@ -271,8 +270,7 @@ def fly(
     turn = 0.0
     if not is_exact and tolerance is None:
         turn = h * float(np.linalg.norm(V[:, :3], axis=-1).max())
-    T_bs = se3.inverse(T)
-    momentum = se3.Ad(T_bs).T @ P
+    momentum = se3.Ad(se3.inverse(T)).T @ P
     largest_linear_impulse = float(np.abs(impulse[:, 3:]).sum(axis=-1).max())
     largest_linear = max(float(np.abs(f).max()), largest_linear_impulse)
     remark = missed.remark(largest_linear, angular=float(np.abs(l).max()))

@@ -279,9 +279,7 @@ def solve(
         result_type = np.result_type(result_type, start)
     batch_shape = _batch_shape(target, start, target_shape)
     start = np.broadcast_to(start, (*batch_shape, robot.nq)).reshape(-1, robot.nq)
-    exact_target = target
-    if target.dtype != float:
-        exact_target = _rigid(target)
+    exact_target = target if target.dtype == float else _rigid(target)
     poses = np.broadcast_to(exact_target, (*batch_shape, *target_shape)).reshape(-1, *target_shape)
     q, status = search.best(poses, start, *settings)
     is_unsolved = ~(status[:, OUTCOME] >= 0.0)  # NaN too
