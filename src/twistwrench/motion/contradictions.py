@@ -388,24 +388,24 @@ class Contradictions:
         self._time_stated = time_stated
         self.runs = runs
         """Runs of rows, the whole motion or excerpts of a long one."""
-        count = len(self._checked)
-        self.glitches = SingleRowGlitches(count, self._is_angle)
+        checked_count = len(self._checked)
+        self.glitches = SingleRowGlitches(checked_count, self._is_angle)
         """Rows in which a single joint leaves its path."""
-        self._range = np.array([[math.inf], [-math.inf]]).repeat(count, axis=1)
-        """(2, k) least and largest positions as logged."""
+        self._range = np.array([[math.inf], [-math.inf]]).repeat(checked_count, axis=1)
+        """(2, k) least and largest positions as logged; infinite before the first row."""
         self._unwrapped_range = self._range.copy()
         """(2, k) least and largest positions with omitted turns added."""
-        self._added_turns = np.zeros(count)
+        self._added_turns = np.zeros(checked_count)
         """Number of turns that are added to the last position."""
-        self._wrap_counts = np.zeros(count, int)
+        self._wrap_counts = np.zeros(checked_count, int)
         """Number of steps that may be omitted turns."""
         self._jumps: dict[int, _LongStep] = {}
         """Fastest step beyond half a turn of each joint, unless it may be an omitted turn."""
         self._first_wraps: dict[int, _LongStep] = {}
         """First step of each joint that may be an omitted turn."""
-        self._largest_speed = np.zeros(count)
+        self._largest_speed = np.zeros(checked_count)
         """Largest speed, without steps beyond half a turn."""
-        self._largest_distance = np.zeros(count)
+        self._largest_distance = np.zeros(checked_count)
         """Largest displacement in a step, without steps beyond half a turn."""
         self._median_steps: list[float] = []
         """Median time step of each portion [s]."""
@@ -444,7 +444,8 @@ class Contradictions:
         self._largest_distance = np.maximum(self._largest_distance, distance_within_half_turn.max(axis=0))
         self._wrap_counts += is_wrap.sum(axis=0)
         for row, k in np.argwhere(exceeds_half_turn & self._is_bounded).tolist():
-            step = _LongStep(float(distance[row, k] / h[row]), float(t[row]), float(displacement[row, k]))
+            speed_of_step = float(distance[row, k] / h[row])
+            step = _LongStep(speed_of_step, time=float(t[row]), displacement=float(displacement[row, k]))
             if is_wrap[row, k]:
                 self._first_wraps.setdefault(k, step)
             elif k not in self._jumps or step.speed > self._jumps[k].speed:
@@ -708,7 +709,7 @@ class Contradictions:
             rows = new_rows(curves)
             if rows is not None:
                 new_rows_of_runs.append(rows)
-        if 2 * len(new_rows_of_runs) > len(times):
+        if len(new_rows_of_runs) > 0.5 * len(times):
             return [self._repetition_doubt(times, new_rows_of_runs), *self._torque_doubts()]
         deviations: list[Gap] = []
         for time, curves in zip(times, self._curves, strict=True):
@@ -735,12 +736,12 @@ class Contradictions:
         if not masks:
             return
         has_spike = np.concatenate(masks)
-        row_count = int(has_spike.any(axis=1).sum())
-        if row_count:
+        spike_row_count = int(has_spike.any(axis=1).sum())
+        if spike_row_count:
             joint = self._names[int(has_spike.sum(axis=0).argmax())]
-            share = row_count / len(has_spike)
-            level: Level = "unsure" if row_count > _MAX_SHARE_OF_SPIKES * len(has_spike) else "note"
-            found = {"value": float(row_count), "unit": "rows"}
+            share = spike_row_count / len(has_spike)
+            level: Level = "unsure" if spike_row_count > _MAX_SHARE_OF_SPIKES * len(has_spike) else "note"
+            found = {"value": float(spike_row_count), "unit": "rows"}
             yield doubt("spikes", [joint], level=level, rows=percent(share, 2), joint=joint, found=found)
 
     def _dropouts(self) -> dict[int, tuple[float, float]]:

@@ -362,7 +362,8 @@ class Differentiation:
         number of new rows.
         """
         table = self.trajectory.table
-        for rows, inner in windows(len(table), max(core, self.margin), self.margin):
+        core_rows = max(core, self.margin)
+        for rows, inner in windows(len(table), core_rows, self.margin):
             motion = self.trajectory.motion(table[rows])
             yield self._states(motion, rows), motion, inner
             if progress is not None:
@@ -371,7 +372,8 @@ class Differentiation:
     def states_near(self, row: int, reach: int) -> MotionSamples:
         """Samples of up to ``reach`` rows before a row of the log, of the row itself, and of those after it."""
         row_count = len(self.trajectory.table)
-        begin, end = max(0, row - reach), min(row + reach, row_count)
+        begin = max(0, row - reach)
+        end = min(row + reach, row_count)
         rows = slice(max(0, begin - self.margin), min(end + self.margin, row_count))
         motion = self.trajectory.motion(self.trajectory.table[rows])
         states = self._states(motion, rows)
@@ -501,7 +503,8 @@ def noise_gain(order: int, strength: float, step: float) -> float:
     pulse[middle] = 1.0
     smoothed_pulse = smooth(t, pulse, strength, step)
     responses = spline_rates(t, smoothed_pulse[:, None])  # first and second derivative
-    return float(np.linalg.norm(responses[order - 1]))
+    response = responses[order - 1]
+    return float(np.linalg.norm(response))
 
 
 _MAX_END_STRENGTH = 1e4

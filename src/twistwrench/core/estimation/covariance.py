@@ -216,6 +216,8 @@ _MAX_VELOCITIES = 2
 """Number of joints whose direction of motion distinguishes cells."""
 _COMPARED_PARTS = 8
 """Number of parts of each coordinate whose residuals are compared, to find the coordinates that affect them."""
+_PRIOR_OF_SETTINGS = 1e3
+"""Prior standard deviation of a setting's effect, over the largest residual size: so wide that it has no effect."""
 _UNKNOWN_FREEDOM = 1e9
 """Degrees of freedom that stand for infinitely many."""
 
@@ -389,8 +391,8 @@ def group_covariance(
     rms_changes = np.sqrt((chosen**2).mean(axis=(0, 1)))
     has_effect = rms_changes > 0
     settings = chosen[..., has_effect] / rms_changes[has_effect]
-    # Settings are unknowns as well; their prior is so wide that it has no effect.
-    setting_sizes = np.full(settings.shape[2], sigma.max() * 1e3)
+    # Settings are unknowns as well.
+    setting_sizes = np.full(settings.shape[2], sigma.max() * _PRIOR_OF_SETTINGS)
     sizes = np.concatenate([prior.size, setting_sizes])
 
     def whitened_columns(rows: Array | slice) -> Array:
@@ -404,7 +406,8 @@ def group_covariance(
     cells = StateCells.from_residuals(q, dq, whitened_residuals)
     covariance = _covariance(whitened_columns, whitened_residuals, sizes, time, log, cells.numbers(q, dq))
     groups = covariance.of_first(group_count)  # without the settings
-    return replace(groups, matrix=groups.matrix * _huber_factor(residuals, weights) ** 2)
+    huber_factor = _huber_factor(residuals, weights)
+    return replace(groups, matrix=groups.matrix * huber_factor**2)
 
 
 def _huber_factor(residuals: Array, weights: Array) -> float:
@@ -428,7 +431,8 @@ def larger_covariance(first: tuple[Array, Array], second: tuple[Array, Array] | 
     D, other_freedom = second
     ratio = D.diagonal() / np.maximum(C.diagonal(), _MIN_DIVISOR)
     factor = np.sqrt(np.maximum(ratio, 1.0))
-    return C * factor[:, None] * factor, np.where(ratio > 1.0, other_freedom, freedom)
+    larger_freedom = np.where(ratio > 1.0, other_freedom, freedom)  # of the estimate with the larger variance
+    return C * factor[:, None] * factor, larger_freedom
 
 
 def _covariance(
