@@ -207,7 +207,9 @@ def _ratio(error: float, size: float) -> float:
 _PROBES_PER_STEP = 3.0
 """Maximum step of DOP853 in intervals between probes: its stages are at most 0.27 of a step apart."""
 _MIN_TOLERANCE = 1e-13
+"""Smallest tolerance of an adaptive step: above rounding."""
 _MAX_TOLERANCE = 1e-2
+"""Largest tolerance of an adaptive step."""
 _MIN_MOMENT_RATIO = 1e-14
 """Smallest over largest principal moment of a rod or point, whose rotation about itself is not defined."""
 _EQUAL_MOMENTS = 1e-6
