@@ -28,7 +28,7 @@ _MAX_RATIO_TO_EXPECTED = 2.0
 """Largest ratio of the held-out error to the expected one."""
 _MAX_REMAINING_SHARE = 1.0 / 3.0
 """Largest part of the error before that may remain."""
-_MAX_NOTED_OUTLIERS = 0.05
+_MAX_NOTED_OUTLIER_SHARE = 0.05
 """Share of outliers up to which they are a mere note."""
 _MAX_LISTED_ROWS = 5
 """Number of rows that a message names."""
@@ -59,8 +59,8 @@ def doubts_of(found: CalibratedRobot) -> list[Doubt]:
 
 def _causes_to_name(causes: list[Offered]) -> list[Doubt]:
     """Doubts about the cause that lowers the residual most, and about causes that do not lower it, as a scale may."""
-    best = min(causes, key=lambda cause: cause.left, default=None)
-    return [cause.doubt for cause in causes if cause is best or cause.left > _MIN_UNEXPLAINED]
+    best_cause = min(causes, key=lambda cause: cause.left, default=None)  # leaves the least of the residual
+    return [cause.doubt for cause in causes if cause is best_cause or cause.left > _MIN_UNEXPLAINED]
 
 
 def _contradictory_rows(found: CalibratedRobot) -> Iterator[Doubt]:
@@ -79,10 +79,10 @@ def _contradictory_rows(found: CalibratedRobot) -> Iterator[Doubt]:
         return
     share = len(outliers) / found.fit.problem.count
     level: Level = "unsure"
-    if share <= _MAX_NOTED_OUTLIERS:
+    if share <= _MAX_NOTED_OUTLIER_SHARE:
         level = "note"
     row_texts = [f"row {row} by {millimetres(error)}" for row, error in outliers]
-    _, largest_error = outliers[0]
+    _, largest_error = outliers[0]  # sorted by error
     yield doubt(
         "calibration-outlier", level=level, rows=listed(row_texts, _MAX_LISTED_ROWS),
         found={"value": largest_error, "unit": "m"},
@@ -112,7 +112,8 @@ def _unseen_effects(found: CalibratedRobot) -> Iterator[Doubt]:
     problem = found.fit.problem
     row_count = 0
     for weights in found.fit.weights:  # (readings, rows of each); zero for outliers
-        row_count += int((weights[:, -1] > 0).sum()) * weights.shape[1]
+        used_readings = int((weights[:, -1] > 0).sum())
+        row_count += used_readings * weights.shape[1]
     remaining_text = millimetres(remaining.rms)
     value = {"value": remaining.rms, "unit": "m"}
     if problem.is_scaleless:

@@ -37,6 +37,8 @@ KNOWN_LENGTH = 1e-5
 """Standard deviation of a known length [m]."""
 _FRAME_ITERATIONS = 8
 """Number of first iterations that change only targets and tip."""
+_UNWEIGHTED_ITERATIONS = 3
+"""Number of first iterations of targets and tip alone whose residuals would give wrong weights."""
 _MAX_ITERATIONS = 40
 _MIN_TRIMMED_ITERATIONS = 3
 """Number of last iterations, in which outliers have no weight."""
@@ -157,8 +159,8 @@ class CalibrationProblem:
         return [self.chain.loads(m.q) for m in self.measured]
 
     @cached_property
-    def wide(self) -> Array:
-        """(p,) wide standard deviations of the chain's parameters: those of the prior."""
+    def wide_deviations(self) -> Array:
+        """(p,) standard deviations of the chain's parameters in the prior."""
         length, angle = SCALELESS_PRIOR if self.is_scaleless else PRIOR
         return self.chain.scales(angle, length, GEAR, SAG, TIP)
 
@@ -166,13 +168,13 @@ class CalibrationProblem:
     def prior(self) -> Array:
         """(k, p) rows of the prior on the chain's parameters, over their deviations."""
         if self.independent is None:
-            return np.diag(1.0 / self.wide)
-        return self.independent.prior(self.wide)
+            return np.diag(1.0 / self.wide_deviations)
+        return self.independent.prior(self.wide_deviations)
 
     def free(self, count: int, *, frames_only: bool) -> Array:
         """(count,) True for the columns of a step: tip and targets alone, or those that are fitted."""
         if frames_only:
-            first_tip_column = len(self.chain.parameters) - 6  # targets follow after the tip
+            first_tip_column = len(self.chain.parameters) - 6  # the tip has six, and targets follow
             return np.arange(count) >= first_tip_column
         if self.independent is None:
             return np.ones(count, bool)
@@ -264,7 +266,8 @@ class CalibrationProblem:
         for k in range(iteration_count):
             changes_frames_only = frames_only or (start is None and k < _FRAME_ITERATIONS)
             previous_weights = weights
-            if not changes_frames_only or (frames_only and k > 2):  # the first residuals would give wrong weights
+            may_weigh_frames = frames_only and k >= _UNWEIGHTED_ITERATIONS
+            if may_weigh_frames or not changes_frames_only:
                 weights = self._weights(equations, changes_frames_only, trim=trimmed_iterations > 0)
             state, equations, damping, decrease = self._step(state, equations, weights, damping, changes_frames_only)
             change = max(_relative_change(W, V) for W, V in zip(weights, previous_weights, strict=True))
@@ -306,7 +309,8 @@ class CalibrationProblem:
             new_cost = float(new_r @ new_r)
             if new_cost <= cost * (1.0 + 1e-12):  # equal but for rounding
                 decrease = 1.0 - new_cost / max(cost, 1e-300)  # 1e-300: the cost may be zero
-                return new_state, new_equations, max(damping / _DAMPING_FACTOR, _MIN_DAMPING), decrease
+                new_damping = max(damping / _DAMPING_FACTOR, _MIN_DAMPING)
+                return new_state, new_equations, new_damping, decrease
             damping = max(damping * _DAMPING_FACTOR, _MIN_RAISED_DAMPING)
         return state, equations, damping, 0.0
 
@@ -349,7 +353,8 @@ class CalibrationProblem:
                 squares = (e[used, rows] ** 2).mean(axis=1)
                 variance = float(np.median(squares)) / _MEDIANS[len(deviations[rows])]
                 if not self.keep_outliers:
-                    squares = squares[squares <= (ROBUST / OUTLIER) ** 2 * variance / freedom]
+                    max_square = (ROBUST / OUTLIER) ** 2 * variance / freedom
+                    squares = squares[squares <= max_square]
                 if trim and squares.size:
                     variance = float(squares.mean())
                 deviations[rows] = np.sqrt(variance / freedom) + _MIN_DEVIATION
@@ -404,7 +409,7 @@ class CalibrationFit:
         """Standard deviations [m, rad] of a reading of each measurement; rad is 0 without angles."""
         deviations = []
         for m, W in zip(self.problem.measured, self.weights, strict=True):
-            # a reading that is no outlier has the largest weight of its column, 1 / deviation
+            # A reading that is no outlier has the largest weight of its column, 1 / deviation. 1e-300: all are outliers.
             length_deviation = float(1.0 / W[:, -1].max(initial=1e-300))
             angle_deviation = 0.0
             if m.angle_rows:

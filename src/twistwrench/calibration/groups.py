@@ -176,7 +176,7 @@ class ParameterGroups:
         """Covariance (k, k) of the independent parameters, with the prior of the fit."""
         A, y = self.fit.weighted_rows
         columns = list(self.independent.columns)
-        prior = self.independent.prior(self.fit.problem.wide)
+        prior = self.independent.prior(self.fit.problem.wide_deviations)
         columns_of_chain = columns[: len(prior)]  # targets have no prior
         information = A.T @ A
         prior_information = prior.T @ prior

@@ -65,7 +65,8 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
     configurations: list[Array] = []  # label of each reading's configuration
     for m in problem.measured:
         labels = configuration_labels(m)
-        fold_of_label = rng.permutation(np.arange(labels.max() + 1)) % FOLDS
+        all_labels = np.arange(labels.max() + 1)
+        fold_of_label = rng.permutation(all_labels) % FOLDS
         fold = fold_of_label[labels]
         if m.pairs is None:
             configurations.append(labels)

@@ -139,7 +139,7 @@ def _has_large_zero(found: CalibratedRobot) -> bool:
 
 def _best_convention(problem: CalibrationProblem, misfit_as_given: float) -> tuple[Alternative, float] | None:
     """Alternative with which the file is nearly right, and its misfit [m]; None if there is none."""
-    best = _fits_of_frames(problem)[0]
+    best, *_ = _fits_of_frames(problem)
     if best.misfit < _MAX_RESIDUAL_SHARE * misfit_as_given:
         return best.alternative, best.misfit
     return None
@@ -172,7 +172,8 @@ def _best_alternative(problem: CalibrationProblem, misfit_as_given: float) -> tu
     frame_fits = _fits_of_frames(problem)[:_MAX_FULL_FITS]
     misfits = [_misfit_with(problem, fit.alternative, frames_only=False) for fit in frame_fits]
     least_misfit = min(misfits)
-    if not least_misfit < min(_MAX_MISFIT_SHARE * misfit_as_given, _MAX_MISFIT):
+    max_misfit = min(_MAX_MISFIT_SHARE * misfit_as_given, _MAX_MISFIT)
+    if not least_misfit < max_misfit:
         return None
     max_equal_misfit = max(_MAX_EQUAL_RATIO * least_misfit, _MAX_RESIDUAL)
     equal_indices = [k for k, misfit in enumerate(misfits) if misfit <= max_equal_misfit]
@@ -210,13 +211,13 @@ def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
     turning_columns = [column for column, turns in zip(columns, chain.turning, strict=True) if turns]
     if kinds & set(LENGTHS_MEASURED):
         for factor, unit in ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches")):
-            yield Alternative("unit", (), partial(_scale_readings, factor=factor), factor, "", unit)
+            change = partial(_scale_readings, factor=factor)
+            yield Alternative("unit", (), change, value=factor, words=unit)
     for factor, words in ((math.radians(1.0), "degrees"), (math.degrees(1.0), "rad")):
         change = partial(_q_times, columns=turning_columns, factor=factor)
-        yield Alternative("degrees", (), change, factor, "", words)
-    for first, second in combinations(zip(joints, columns, strict=True), 2):
-        first_joint, i = first
-        second_joint, j = second
+        yield Alternative("degrees", (), change, value=factor, words=words)
+    joints_with_columns = zip(joints, columns, strict=True)
+    for (first_joint, i), (second_joint, j) in combinations(joints_with_columns, 2):
         yield Alternative("exchanged", (first_joint, second_joint), partial(_exchange_joints, i=i, j=j))
     for joint, column in zip(joints, columns, strict=True):
         yield Alternative("sign", (joint,), partial(_q_times, columns=[column], factor=-1.0))
@@ -225,11 +226,12 @@ def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
             continue
         for degrees in (90.0, -90.0, 180.0):
             change = partial(_q_plus, k=column, offset=math.radians(degrees))
-            yield Alternative("zero", (joint,), change, degrees, "°", number(degrees))
+            yield Alternative("zero", (joint,), change, value=degrees, unit="°", words=number(degrees))
     if kinds & {"pose", "position"}:
         yield Alternative("left-handed", (), _mirror_readings)
     for rows_late, words in ((1, "late"), (-1, "early")):  # late readings belong to the row before
-        yield Alternative("row-shift", (), partial(_shift_rows, rows=-rows_late), float(rows_late), "rows", words)
+        change = partial(_shift_rows, rows=-rows_late)
+        yield Alternative("row-shift", (), change, value=float(rows_late), unit="rows", words=words)
     if "pose" in kinds:
         yield Alternative("inverse", (), partial(_change_poses, change=se3.inverse))
         for shift, words in ((-1, "w, x, y, z in place of x, y, z, w"), (1, "x, y, z, w in place of w, x, y, z")):

@@ -25,6 +25,7 @@ from .third_party import is_lazy
 from .typing import Array
 
 _UNLABELLED_TYPES = (list, tuple, float, int)
+"""Types that are no tables, so that their attributes are not looked up."""
 
 
 def is_table(x: Any) -> bool:
@@ -50,14 +51,16 @@ def columns_in_order(x: Any, what: str, names: Sequence[str]) -> Any:
         return _contents(x)
     if labels == list(names):
         return _contents(x)
-    foreign = [label for label in labels if label not in names]
-    missing = [name for name in names if name not in labels]
-    repeated = [label for k, label in enumerate(labels) if label in labels[:k]]
-    if foreign or missing or repeated:
-        labels_by_defect = {"foreign": foreign, "missing": missing, "twice": repeated}
-        defects = "; ".join(
-            f"{defect}: {listed(defect_labels)}" for defect, defect_labels in labels_by_defect.items() if defect_labels
-        )
+    foreign_labels = [label for label in labels if label not in names]
+    missing_names = [name for name in names if name not in labels]
+    repeated_labels = [label for k, label in enumerate(labels) if label in labels[:k]]
+    if foreign_labels or missing_names or repeated_labels:
+        labels_by_defect = {"foreign": foreign_labels, "missing": missing_names, "twice": repeated_labels}
+        defect_texts = []
+        for defect, defect_labels in labels_by_defect.items():
+            if defect_labels:
+                defect_texts.append(f"{defect}: {listed(defect_labels)}")
+        defects = "; ".join(defect_texts)
         raise UnknownNameError(
             f"{what} has columns that are not the robot's. {defects[0].upper()}{defects[1:]}. Its columns must be "
             f"{listed(names)}, in any order. Choose them: df[list(names)] with names = robot.coordinate_names for "
@@ -123,6 +126,7 @@ def rotation(R: Array, what: str) -> Array:
         f"{what} is not a rotation: R' R is {{gap}} off the identity, allowed {{allowed}}; "
         "so3.project gives the nearest one",
     )
+    # ``reflected`` is 0 for a rotation and 1 for a reflection.
     refuse(reflected, 0.5, f"{what} is not a rotation but a reflection: det R = -{{gap}}; negate one axis")
     return R
 
@@ -135,8 +139,9 @@ def _surely_rotations(R: Array) -> bool:
     allowed = 0.2 * TOLERANCE
     if R.ndim == 2:
         return all(not abs(gap) > allowed for gap in gaps(R.tolist()))  # "not >": NaN passes
+    columns = np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()  # of each entry over the batch, contiguous
     with np.errstate(all="ignore"):  # infinite entries fail the test, without a warning
-        return not any((np.abs(gap) > allowed).any() for gap in gaps(np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()))
+        return not any((np.abs(gap) > allowed).any() for gap in gaps(columns))
 
 
 def gaps(rows: Any) -> tuple[Any, ...]:
@@ -227,45 +232,50 @@ def array(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Seque
     """
     if type(x) is not np.ndarray:
         x = _array(x, what, shape, batch, names)
-    if (x.shape[-len(shape) :] if batch else x.shape) != shape and (shape or not batch):
+    last_axes = x.shape[-len(shape) :] if batch else x.shape
+    if last_axes != shape and (shape or not batch):  # a batch of numbers may have any shape
         raise ShapeError(f"{what} has {_kind_text(x)}, expected {_shape_text(shape, batch)}.")
     if x.dtype in _FLOAT_TYPES:
         return x
     if x.dtype.kind in "biuf":  # small integers would overflow, and unsigned ones have no minus sign
         return x.astype(float)
-    if x.dtype != object or not all(map(_is_number, set(map(type, x.flat)))):
+    holds_numbers = x.dtype == object and all(map(_is_number, set(map(type, x.flat))))
+    if not holds_numbers:
         raise ValueRangeError(f"{what} has {_kind_text(x)}, expected {_shape_text(shape, batch)} of real numbers.")
     return x
 
 
 def real(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequence[str] = ()) -> Array:
     """x as float32 if it has that type, else as float64, with last axes of the given shape; symbols are rejected."""
-    M = array(x, what, *shape, batch=batch, names=names)
-    if M.dtype != object:
-        return M
+    numbers = array(x, what, *shape, batch=batch, names=names)
+    if numbers.dtype != object:
+        return numbers
     try:
-        return M.astype(float)
+        return numbers.astype(float)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueRangeError(f"{what} has {_kind_text(M)}, expected numbers that float64 can hold: {error}.") from None
+        raise ValueRangeError(
+            f"{what} has {_kind_text(numbers)}, expected numbers that float64 can hold: {error}."
+        ) from None
 
 
 def finite(x: ArrayLike, what: str, *shape: int, names: Sequence[str] = ()) -> Array:
     """x as finite real numbers, with last axes of the given shape."""
-    M = real(x, what, *shape, names=names)
-    is_refused = ~np.isfinite(M)
+    numbers = real(x, what, *shape, names=names)
+    is_refused = ~np.isfinite(numbers)
     if is_refused.any():
-        index = tuple(int(i) for i in np.argwhere(is_refused)[0])
-        raise ValueRangeError(f"{what} has the entry {M[index]} at {index}: every entry must be a finite number.")
-    return M
+        first_index = np.argwhere(is_refused)[0]
+        index = tuple(int(i) for i in first_index)
+        raise ValueRangeError(f"{what} has the entry {numbers[index]} at {index}: every entry must be a finite number.")
+    return numbers
 
 
 def one(x: ArrayLike, what: str, *shape: int, symbols: bool = False, names: Sequence[str] = ()) -> Array:
     """x as float64 numbers, or symbols if allowed, of exactly this shape: one value, not a batch."""
     check = array if symbols else real
-    M = check(x, what, *shape, batch=False, names=names)
-    if M.dtype == object:
-        return M
-    return np.asarray(M, float)
+    numbers = check(x, what, *shape, batch=False, names=names)
+    if numbers.dtype == object:
+        return numbers
+    return np.asarray(numbers, float)
 
 
 _UNITS: Mapping[str, Mapping[str, float]] = {
@@ -298,10 +308,10 @@ def number(x: Any, what: str) -> float:
     """x as one real number, which may be NaN or infinite."""
     if type(x) is float:
         return x
-    M = _array(x, what, ())
-    if M.shape != () or M.dtype.kind not in "iuf":
+    scalar = _array(x, what, ())
+    if scalar.shape != () or scalar.dtype.kind not in "iuf":
         raise ValueRangeError(f"{what} is {x!r}, expected one real number.")
-    return float(M)
+    return float(scalar)
 
 
 def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
@@ -376,9 +386,8 @@ def value_text(x: Any) -> str:
         return f"an array of shape {x.shape}"
     if isinstance(x, type):
         return f"the class {x.__name__}"
-    if x is not None and not isinstance(
-        x, str | bytes | int | float | complex | list | tuple | dict | set | np.generic
-    ):
+    is_plain = isinstance(x, str | bytes | int | float | complex | list | tuple | dict | set | np.generic)
+    if x is not None and not is_plain:
         return f"a {type(x).__name__}"
     if isinstance(x, np.generic):
         x = x.item()
@@ -412,16 +421,16 @@ def mismatch(**arrays: Array) -> ShapeError:
 def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False, names: Sequence[str] = ()) -> Array:
     """x as an ndarray, its numbers as floats if NumPy has no type for them. The shape is only named in errors."""
     complaint = f"is not an array, expected {_shape_text(shape, batch)} of real numbers"
-    M = np.asarray(to_numbers(x, what, names, complaint=complaint))
-    if M.dtype != object or not M.size:
-        return M
-    entry_types = set(map(type, M.flat))
+    numbers = np.asarray(to_numbers(x, what, names, complaint=complaint))
+    if numbers.dtype != object or not numbers.size:
+        return numbers
+    entry_types = set(map(type, numbers.flat))
     if all(issubclass(entry_type, _REAL_NUMBER_TYPES) for entry_type in entry_types):
         try:
-            return M.astype(float)  # fractions, and integers beyond 64 bits
+            return numbers.astype(float)  # fractions, and integers beyond 64 bits
         except OverflowError as error:
             raise ShapeError(f"{what} {complaint}: {error}") from None
-    return M
+    return numbers
 
 
 def _shape_text(shape: tuple[int, ...], batch: bool) -> str:
@@ -449,12 +458,12 @@ def _kind_text(x: Array) -> str:
 
 def pose(T: ArrayLike, what: str) -> Array:
     """T (..., 4, 4), checked to be a pose within 1e-6. Symbols and labelled poses (checked before) are not checked."""
-    M = array(T, what, 4, 4)
+    poses = array(T, what, 4, 4)
     is_labelled = hasattr(T, "of")
-    if M.dtype != object and not is_labelled:
-        last_row(M, what)
-        rotation(M[..., :3, :3], what)
-    return M
+    if poses.dtype != object and not is_labelled:
+        last_row(poses, what)
+        rotation(poses[..., :3, :3], what)
+    return poses
 
 
 def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:

@@ -98,7 +98,8 @@ def _open_library(path: Path) -> _Library | None:
     with suppress(OSError, AttributeError):
         loaded = ctypes.CDLL(str(path), mode=only_if_loaded)
         for name in _FUNCTION_NAMES:
-            getter, setter = name.format("get"), name.format("set")
+            getter = name.format("get")
+            setter = name.format("set")
             if hasattr(loaded, setter):
                 return _Library(getattr(loaded, getter), getattr(loaded, setter))
     return None

@@ -57,7 +57,9 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     Traceback (most recent call last):
     OSError: [Errno 27] it has more than 1000 bytes: '/dev/zero'
     """
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # where the system has them
+    flags = os.O_RDONLY
+    for name in ("O_NONBLOCK", "O_BINARY"):
+        flags |= getattr(os, name, 0)  # 0 where the system does not have it
     handle = os.open(path, flags)
     try:
         status = os.fstat(handle)
@@ -115,7 +117,8 @@ def _is_unopened_pipe(handle: int) -> bool:
 
     Reading such a pipe returns nothing, as at the end of the data; but poll reports the end only once a writer has left.
     """
-    if not hasattr(select, "poll") or not stat.S_ISFIFO(os.fstat(handle).st_mode):
+    is_pipe = stat.S_ISFIFO(os.fstat(handle).st_mode)
+    if not is_pipe or not hasattr(select, "poll"):
         return False
     poll = select.poll()
     poll.register(handle, select.POLLIN)

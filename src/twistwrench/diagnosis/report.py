@@ -179,9 +179,9 @@ class DoctorReport(Answer):
         """
         groups = []
         for group in self.paragraphs:
-            places = list(map(_finding_data, group))
-            worst_place = places[0]
-            groups.append({**worst_place, "places": places})
+            entries = list(map(_finding_data, group))
+            worst_entry = entries[0]
+            groups.append({**worst_entry, "places": entries})
         return {**super().to_dict(), "source": self.source, "checks": list(self.checks), "findings": groups}
 
     @property

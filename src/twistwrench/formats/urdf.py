@@ -70,8 +70,8 @@ def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> M
     Raises :class:`~twistwrench.RobotFileError` with element and line for violations of the format, and the errors of
     :class:`~twistwrench.mechanics.model.builder.ModelBuilder` for inconsistent robots.
     """
-    name = robot.attributes.get("name", "").strip()
-    builder = ModelBuilder(name or "robot", source)
+    name = robot.attributes.get("name", "").strip() or "robot"  # the name may be absent or empty
+    builder = ModelBuilder(name, source)
     for link in robot.all("link"):
         add_link(builder, link, snap)
     for joint in robot.all("joint"):
@@ -148,6 +148,7 @@ def rotation_of_rpy(rpy: ArrayLike) -> Array:
 
 def _rows_of_rpy(rpy: ArrayLike) -> list[list[float]]:
     """Rotation matrix, row by row, of roll, pitch and yaw."""
+    # Sines and cosines of roll, pitch and yaw.
     sr, sp, sy = np.sin(rpy).tolist()
     cr, cp, cy = np.cos(rpy).tolist()
     return [
@@ -203,7 +204,11 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
     child = joint.require_child("child", '<child link="arm"/>').text("link")
     if kind == "fixed" and parent == "world":
         builder.mount()  # states that the base is fixed
-    options: dict[str, Any] = {"placement": origin_of(joint), "axis": (1.0, 0.0, 0.0), "where": f"line {joint.line}"}
+    options: dict[str, Any] = {
+        "placement": origin_of(joint),
+        "axis": (1.0, 0.0, 0.0),  # the format's default
+        "where": f"line {joint.line}",
+    }
     if kind != "fixed":  # a fixed joint has no use for the other elements
         axis_element = joint.child("axis")
         if axis_element is not None and kind != "floating":
@@ -211,7 +216,7 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
         options |= _limits(builder, joint, kind)
         dynamics = joint.child("dynamics")
         if dynamics is not None:
-            options["damping"] = dynamics.optional_number("damping") or 0.0
+            options["damping"] = dynamics.optional_number("damping") or 0.0  # 0 if absent
             options["friction"] = dynamics.optional_number("friction") or 0.0
         options["mimic"] = _mimic(joint)
     builder.add_joint(name, kind, parent, child, **options)
@@ -233,14 +238,20 @@ def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, Any]:
     return known_limits(**limits)
 
 
-_LIMIT_SIGNS = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "effort": 1.0} | dict.fromkeys(LIMITS_OF_1_2, 1.0)
+_LIMIT_SIGNS = {
+    "lower": -1.0,
+    "upper": 1.0,
+    "velocity": 1.0,
+    "effort": 1.0,
+    **dict.fromkeys(LIMITS_OF_1_2, 1.0),
+}
 """Sign of the infinity that means no limit, by name of the limit."""
 
 
 def known_limits(**limits: float | None) -> dict[str, Any]:
     """Limits of a joint, without values that mean no limit."""
-    given = {name: limit for name, limit in limits.items() if limit is not None}
-    return {name: limit for name, limit in given.items() if limit * _LIMIT_SIGNS[name] < NO_LIMIT}
+    given_limits = {name: limit for name, limit in limits.items() if limit is not None}
+    return {name: limit for name, limit in given_limits.items() if limit * _LIMIT_SIGNS[name] < NO_LIMIT}
 
 
 _CONSTRAINED_ROWS = {
@@ -248,6 +259,7 @@ _CONSTRAINED_ROWS = {
 }  # fmt: skip
 """Components of the relative velocity that a closing joint prevents, by its type; z is its axis. A "link" is cut in two."""
 _ENDS = ("parent", "child")
+"""Names of the elements of a constraint's two ends."""
 
 
 def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
@@ -255,7 +267,8 @@ def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
     name = constraint.attributes.get("name", "").strip()
     kind = constraint.attributes.get("type", "").strip().removesuffix("_joint")
     links = [_link_of(constraint.child(end)) for end in _ENDS]
-    if not (name and all(links) and kind in _CONSTRAINED_ROWS):
+    is_complete = name and all(links) and kind in _CONSTRAINED_ROWS
+    if not is_complete:
         builder.note(
             constraint,
             f"is left out, so its loop stays open: it needs a name, parent, child and a type of {', '.join(_CONSTRAINED_ROWS)}",

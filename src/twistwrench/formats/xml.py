@@ -234,6 +234,8 @@ class Element:
 BLANK = "\ufeff \t\r\n"
 """Characters allowed before the first element."""
 
+_QUOTED_BEGINNING = 20
+"""Number of characters of a file's beginning in a message."""
 _VERSION_ONE = re.compile(r"""<\?xml\s+version\s*=\s*(["'])1\1[^>]*\?>""")
 """XML declaration of version "1" instead of "1.0", as in some robot files."""
 
@@ -378,7 +380,7 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
         raise RobotFileError("it is empty. A robot file begins with <robot name=…>.")
     if not body.startswith("<"):
         raise RobotFileError(
-            f"it is not XML: it begins with {body[:20]!r}, not with '<'. Pass a robot description, such as URDF."
+            f"it is not XML: it begins with {body[:_QUOTED_BEGINNING]!r}, not with '<'. Pass a robot description, such as URDF."
         )
     blanks = text[: len(text) - len(body)]
     skipped_lines = blanks.count("\n")

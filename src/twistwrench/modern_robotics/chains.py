@@ -54,7 +54,8 @@ class Chain:
             quantity, options = _KERNELS[name]
             if "wrenches" in options:
                 options = {**options, "wrenches": (str(self.robot.tip),)}
-            kernel = self._kernels[name] = self.robot.kernel(quantity, **options)
+            kernel = self.robot.kernel(quantity, **options)
+            self._kernels[name] = kernel
         return kernel
 
     def joints(self, values: ArrayLike, name: str) -> Array:

@@ -67,8 +67,8 @@ def angle_doubts(
     allowed_angle = _MAX_REACH_RATIO * np.maximum(known_reach, _FULL_TURN / _MAX_REACH_RATIO)
     is_far = has_limits & (largest_angle > allowed_angle)
     has_many_turns = largest_angle > _MANY_TURNS
-    half_are_far = is_far.any() and 2 * is_far.sum() >= has_limits.sum()
-    most_of_them_turn_often = 2 * (is_far & has_many_turns).sum() > is_far.sum()
+    half_are_far = is_far.any() and is_far.sum() >= 0.5 * has_limits.sum()
+    most_of_them_turn_often = (is_far & has_many_turns).sum() > 0.5 * is_far.sum()
     if half_are_far and most_of_them_turn_often:
         return [_too_far(names, largest_angle, limits, reach, is_far)]
     stop_doubts = _stop_doubts(names, extent, limits, is_in_radians, origin)
@@ -80,8 +80,9 @@ def angle_doubts(
     seem_radians = are_small and moves[is_in_degrees].any()
     several_in_degrees = is_in_degrees.sum() >= _MIN_JOINTS_IN_DEGREES
     if not (seem_radians and several_in_degrees):
-        most_turn_often = 2 * has_many_turns.sum() > len(names)
-        if most_turn_often and not is_stated.any() and (factor == 1.0).all():
+        most_turn_often = has_many_turns.sum() > 0.5 * len(names)
+        all_in_radians = (factor == 1.0).all() and not is_stated.any()
+        if most_turn_often and all_in_radians:
             return [_too_far(names, largest_angle, limits, reach, has_many_turns, level="note")]
         if is_far.any():
             return [_too_far(names, largest_angle, limits, reach, is_far, level="note")]
@@ -202,6 +203,7 @@ def _too_far(
 
 
 _MAX_LISTED_TIMES = 3
+"""Number of times that a message names."""
 
 
 def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: bool = False) -> list[Doubt]:
@@ -211,7 +213,7 @@ def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: b
         position_glitches = [glitch for glitch in joint_glitches if not glitch.late]
         if not position_glitches:
             continue
-        largest_size = position_glitches[0].size
+        largest_size = position_glitches[0].size  # the largest come first
         size_text = f"{printed(largest_size, 3)} m"
         if glitches.turns[k]:
             size_text = f"{printed(math.degrees(largest_size), 3)} degrees"
@@ -226,9 +228,9 @@ def stamp_doubts(stamps: Mapping[float, float], *, left_out: bool = False) -> li
     if not stamps:
         return []
     largest_delay = max(stamps.values(), key=abs)
-    rows = "1 row" if len(stamps) == 1 else f"{len(stamps)} rows"
+    rows_text = "1 row" if len(stamps) == 1 else f"{len(stamps)} rows"
     direction = "late" if largest_delay > 0 else "early"
-    words = {"rows": rows, "when": _times_text(stamps), "late": seconds(abs(largest_delay)), "way": direction}
+    words = {"rows": rows_text, "when": _times_text(stamps), "late": seconds(abs(largest_delay)), "way": direction}
     return [_row_doubt("stamp", [], words, left_out=left_out)]
 
 
@@ -386,24 +388,24 @@ class Contradictions:
         self._time_stated = time_stated
         self.runs = runs
         """Runs of rows, the whole motion or excerpts of a long one."""
-        count = len(self._checked)
-        self.glitches = SingleRowGlitches(count, self._is_angle)
+        checked_count = len(self._checked)
+        self.glitches = SingleRowGlitches(checked_count, self._is_angle)
         """Rows in which a single joint leaves its path."""
-        self._range = np.array([[math.inf], [-math.inf]]).repeat(count, axis=1)
-        """(2, k) least and largest positions as logged."""
+        self._range = np.array([[math.inf], [-math.inf]]).repeat(checked_count, axis=1)
+        """(2, k) least and largest positions as logged; infinite before the first row."""
         self._unwrapped_range = self._range.copy()
         """(2, k) least and largest positions with omitted turns added."""
-        self._added_turns = np.zeros(count)
+        self._added_turns = np.zeros(checked_count)
         """Number of turns that are added to the last position."""
-        self._wrap_counts = np.zeros(count, int)
+        self._wrap_counts = np.zeros(checked_count, int)
         """Number of steps that may be omitted turns."""
         self._jumps: dict[int, _LongStep] = {}
         """Fastest step beyond half a turn of each joint, unless it may be an omitted turn."""
         self._first_wraps: dict[int, _LongStep] = {}
         """First step of each joint that may be an omitted turn."""
-        self._largest_speed = np.zeros(count)
+        self._largest_speed = np.zeros(checked_count)
         """Largest speed, without steps beyond half a turn."""
-        self._largest_distance = np.zeros(count)
+        self._largest_distance = np.zeros(checked_count)
         """Largest displacement in a step, without steps beyond half a turn."""
         self._median_steps: list[float] = []
         """Median time step of each portion [s]."""
@@ -442,7 +444,8 @@ class Contradictions:
         self._largest_distance = np.maximum(self._largest_distance, distance_within_half_turn.max(axis=0))
         self._wrap_counts += is_wrap.sum(axis=0)
         for row, k in np.argwhere(exceeds_half_turn & self._is_bounded).tolist():
-            step = _LongStep(float(distance[row, k] / h[row]), float(t[row]), float(displacement[row, k]))
+            speed_of_step = float(distance[row, k] / h[row])
+            step = _LongStep(speed_of_step, time=float(t[row]), displacement=float(displacement[row, k]))
             if is_wrap[row, k]:
                 self._first_wraps.setdefault(k, step)
             elif k not in self._jumps or step.speed > self._jumps[k].speed:
@@ -706,7 +709,7 @@ class Contradictions:
             rows = new_rows(curves)
             if rows is not None:
                 new_rows_of_runs.append(rows)
-        if 2 * len(new_rows_of_runs) > len(times):
+        if len(new_rows_of_runs) > 0.5 * len(times):
             return [self._repetition_doubt(times, new_rows_of_runs), *self._torque_doubts()]
         deviations: list[Gap] = []
         for time, curves in zip(times, self._curves, strict=True):
@@ -733,12 +736,12 @@ class Contradictions:
         if not masks:
             return
         has_spike = np.concatenate(masks)
-        row_count = int(has_spike.any(axis=1).sum())
-        if row_count:
+        spike_row_count = int(has_spike.any(axis=1).sum())
+        if spike_row_count:
             joint = self._names[int(has_spike.sum(axis=0).argmax())]
-            share = row_count / len(has_spike)
-            level: Level = "unsure" if row_count > _MAX_SHARE_OF_SPIKES * len(has_spike) else "note"
-            found = {"value": float(row_count), "unit": "rows"}
+            share = spike_row_count / len(has_spike)
+            level: Level = "unsure" if spike_row_count > _MAX_SHARE_OF_SPIKES * len(has_spike) else "note"
+            found = {"value": float(spike_row_count), "unit": "rows"}
             yield doubt("spikes", [joint], level=level, rows=percent(share, 2), joint=joint, found=found)
 
     def _dropouts(self) -> dict[int, tuple[float, float]]:

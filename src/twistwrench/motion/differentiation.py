@@ -67,7 +67,7 @@ def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, f
     span = t[2:] - t[:-2]
     displacement = curves[2:] - curves[:-2]
     is_beside_pause = np.zeros(len(span), bool)  # samples do not resolve the steps there
-    for edge in stretch_edges(t)[1:-1]:
+    for edge in stretch_edges(t)[1:-1]:  # without the ends of the log
         is_beside_pause[[edge - 2, edge - 1]] = True
     resolution = np.maximum(quality.quantum, SIGNIFICANT_SIGMAS * quality.noise) * factors
     for body in model.leaders:
@@ -134,11 +134,13 @@ def outliers_of(outlier_rows: Array) -> tuple[Outlier, ...]:
     1 if it may be a torque beyond a limit.
     """
     outliers = []
-    for k in np.unique(outlier_rows[:, 0]).tolist():
-        rows_of_column = outlier_rows[outlier_rows[:, 0] == k]
-        largest = np.abs(rows_of_column[:, 2]).argmax()
-        _, time, sigmas, residual, _ = rows_of_column[largest].tolist()
-        matters = bool(rows_of_column[:, 4].any())
+    columns, _, all_sigmas, _, may_exceed_limit = outlier_rows.T
+    for k in np.unique(columns).tolist():
+        is_in_column = columns == k
+        rows_of_column = outlier_rows[is_in_column]
+        largest_row = np.abs(all_sigmas[is_in_column]).argmax()
+        _, time, sigmas, residual, _ = rows_of_column[largest_row].tolist()
+        matters = bool(may_exceed_limit[is_in_column].any())
         outliers.append(Outlier(int(k), len(rows_of_column), time, sigmas, residual, matters))
     return tuple(sorted(outliers, key=lambda outlier: -abs(outlier.sigmas)))
 
@@ -248,7 +250,6 @@ class Differentiation:
         if columns is None or not derives:
             columns = np.zeros(0, int)
             factors = np.zeros(0)
-
         excerpt_tables = excerpts(trajectory.table, _EXCERPT_COUNT, _EXCERPT_ROWS)
         times = [table[:, trajectory.columns.time] for table in excerpt_tables]
         parts = [table[:, columns] for table in excerpt_tables]
@@ -263,7 +264,8 @@ class Differentiation:
         if differentiated_part == "q" and derives:
             curves = [continuity.curves(x, turn) for x in parts]
         quality = survey(times, parts, curves)
-        strengths, deviation = np.zeros(len(columns)), quality.noise
+        strengths = np.zeros(len(columns))
+        deviation = quality.noise
         if smoothing:
             strengths, deviation = _strengths(times, curves, quality, progress)
         sigma = deviation * factors  # of the columns, in SI units
@@ -360,7 +362,8 @@ class Differentiation:
         number of new rows.
         """
         table = self.trajectory.table
-        for rows, inner in windows(len(table), max(core, self.margin), self.margin):
+        core_rows = max(core, self.margin)
+        for rows, inner in windows(len(table), core_rows, self.margin):
             motion = self.trajectory.motion(table[rows])
             yield self._states(motion, rows), motion, inner
             if progress is not None:
@@ -369,7 +372,8 @@ class Differentiation:
     def states_near(self, row: int, reach: int) -> MotionSamples:
         """Samples of up to ``reach`` rows before a row of the log, of the row itself, and of those after it."""
         row_count = len(self.trajectory.table)
-        begin, end = max(0, row - reach), min(row + reach, row_count)
+        begin = max(0, row - reach)
+        end = min(row + reach, row_count)
         rows = slice(max(0, begin - self.margin), min(end + self.margin, row_count))
         motion = self.trajectory.motion(self.trajectory.table[rows])
         states = self._states(motion, rows)
@@ -499,7 +503,8 @@ def noise_gain(order: int, strength: float, step: float) -> float:
     pulse[middle] = 1.0
     smoothed_pulse = smooth(t, pulse, strength, step)
     responses = spline_rates(t, smoothed_pulse[:, None])  # first and second derivative
-    return float(np.linalg.norm(responses[order - 1]))
+    response = responses[order - 1]
+    return float(np.linalg.norm(response))
 
 
 _MAX_END_STRENGTH = 1e4

@@ -21,7 +21,7 @@ MAX_TABLE_IN_MEMORY = 1 << 25
 ROWS = 1 << 14
 """Rows per block in passes over a table."""
 MAX_RATIO = 100
-"""Largest size of the data over the size of their file. Files of packed logs have a third to a thirtieth of the data's size."""
+"""Largest ratio of the size of unpacked data to the size of their file; packed logs have 3 to 30."""
 FREE_UNPACKED_SIZE = 1 << 28
 """Size of data that even the smallest file may hold [bytes]."""
 _BYTES_PER_NUMBER = 8
@@ -65,10 +65,10 @@ def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
                 file.flush()
                 unwritten_portions.clear()
         except OSError as error:
-            size = 8e-9 * row_count * columns  # GB
+            size = 8e-9 * row_count * columns  # GB, with 8 bytes per number
             raise TrajectoryError(
                 f"{path}: its rows take {printed(size, 2)} GB or more in {tempfile.gettempdir()}, which "
-                f" cannot be written: {error.strerror or error}. Free the space, or set TMPDIR."
+                f"cannot be written: {error.strerror or error}. Free the space, or set TMPDIR."
             ) from None
         if file is None:
             return np.concatenate([np.zeros((0, columns)), *unwritten_portions])
@@ -109,7 +109,7 @@ def spread_rows(total: int, count: int, rows: int) -> list[slice]:
     >>> spread_rows(10, 2, 3), spread_rows(10, 1, 4), spread_rows(10, 0, 4)
     ([slice(0, 3, None), slice(7, 10, None)], [slice(3, 7, None)], [])
     """
-    if count and total <= count * rows:
+    if count > 0 and total <= count * rows:
         return [slice(0, total)]
     last_begin = total - rows
     if count == 1:

@@ -110,8 +110,8 @@ class JoinedFile:
 
     def table(self, used: Sequence[int]) -> Array:
         """Table (n, len(used)) of the columns ``used``, resampled at the stamps of the first file if stamps differ."""
-        requested_places = np.array(self.places, int).reshape(-1, 2)[list(used)]
-        file_of_column, column_in_file = requested_places.T
+        all_places = np.array(self.places, int).reshape(-1, 2)  # also without columns
+        file_of_column, column_in_file = all_places[list(used)].T
         tables: list[Array] = []
         times: list[Array | None] = []
         for file_index, (part, stamp_column) in enumerate(zip(self.parts, self.stamps, strict=True)):
@@ -121,7 +121,7 @@ class JoinedFile:
                 tables.append(part.table(columns))
             else:
                 table = part.table([*columns, stamp_column])
-                stamps = table[:, -1]
+                stamps = table[:, -1]  # requested last
                 times.append(stamps * _seconds_per_unit(part.header[stamp_column], stamps))
                 tables.append(table[:, :-1])
         is_common = self._common_rows(tables, times)
@@ -347,7 +347,7 @@ def _sums(file: MotionFile, columns: Mapping[str, str]) -> dict[str, Terms]:
     sums = {}
     for name in columns.values():
         name_without_unit, _ = split_unit(name)
-        signs_and_names = re.findall(r"(^|[+-])([^+-]+)", name)
+        signs_and_names = re.findall(r"(^|[+-])([^+-]+)", name)  # of the terms; the first may have no sign
         terms: Terms = []
         for sign, term_text in signs_and_names:
             term_name, _ = split_unit(term_text)

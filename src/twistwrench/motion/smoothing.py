@@ -67,9 +67,10 @@ def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
     D = _third_differences(t, step)
     # z = x - D' u with (D D' + 1/strength) u = D x. Rounding errors are then relative to the small correction D' u.
     bands = np.zeros((_WEIGHT_COUNT, len(D)))  # of D D' + 1/strength, the main diagonal last
-    for k in range(_WEIGHT_COUNT):
-        bands[3 - k, k:] = np.sum(D[k:, : 4 - k] * D[: len(D) - k, k:], axis=1)
-    bands[3] += 1.0 / strength
+    for k in range(_WEIGHT_COUNT):  # products of rows that are k apart
+        common_count = _WEIGHT_COUNT - k  # of samples that both rows weigh
+        bands[common_count - 1, k:] = np.sum(D[k:, :common_count] * D[: len(D) - k, k:], axis=1)
+    bands[-1] += 1.0 / strength
     weights = D.reshape(*D.shape, *[1] * (x.ndim - 1))  # equal for all columns of x
     third_differences = _apply(weights, x)
     u = solveh_banded(bands, third_differences, check_finite=False, overwrite_ab=True)
@@ -113,7 +114,7 @@ def best_strength(
     """
     if noise == 0.0:
         return 0.0
-    best = 0.0
+    chosen_strength = 0.0
     least_criterion = math.inf
     samples_per_error = alike_samples(parts, grid, noise)
     parts = [_without_glitches(t, x, noise, step) for t, x in zip(times, parts, strict=True)]
@@ -131,9 +132,9 @@ def best_strength(
             continue  # the motion is too fast for this strength
         criterion = mean_square / (1.0 - gain) ** 2
         if criterion < least_criterion:
-            best = strength
+            chosen_strength = strength
             least_criterion = criterion
-    return best
+    return chosen_strength
 
 
 def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
@@ -156,8 +157,9 @@ def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
         total_length += float(run_lengths.sum())
         total_square += float((run_lengths**2).sum())
     mean_length = 1.0
-    if total_length:  # mean over samples, so that a run counts by its length
-        mean_length = min(_MAX_ALIKE_SAMPLES, max(1.0, total_square / total_length))
+    if total_length:
+        length_per_sample = total_square / total_length  # mean over samples, so that a run counts by its length
+        mean_length = min(_MAX_ALIKE_SAMPLES, max(1.0, length_per_sample))
     return 1.0 + (mean_length - 1.0) * rounding_share
 
 
@@ -187,7 +189,8 @@ def _noise_gain(strength: float) -> float:
 def margin_of(strength: float) -> int:
     """Number of samples beyond which the influence of a sample is below 1e-12, on a uniform grid."""
     # The slowest pole of 1/(1 + strength w^6) decays by exp(-½ strength^(-1/6)) a sample.
-    samples_per_decay = 2.0 * math.pow(max(strength, 1e-3), 1.0 / 6.0)
+    positive_strength = max(strength, 1e-3)  # far below the least that is compared
+    samples_per_decay = 2.0 * math.pow(positive_strength, 1.0 / 6.0)
     return math.ceil(_MARGIN_DECAY * samples_per_decay) + _MARGIN_RESERVE
 
 
@@ -207,7 +210,7 @@ class Between(NamedTuple):
     before: Array
     """Index (...) of the last sample before each configuration."""
     after: Array
-    """Index (...) of the sample after it."""
+    """Index (...) of the sample after that one."""
     share: Array
     """Fraction (..., 1) of the interval, 0 to 1."""
 

@@ -93,18 +93,18 @@ class LogQuality:
         notes = list(file.notes)
         columns_of_words = text_columns(file)
         all_columns = range(len(file.header))
-        used = [k for k in all_columns if k not in columns_of_words]
-        if not used:
-            used = list(all_columns)  # all are words: reading the first row raises an error with its place
+        number_columns = [k for k in all_columns if k not in columns_of_words]
+        if not number_columns:
+            number_columns = list(all_columns)  # all are words: reading the first row raises an error with its place
         elif columns_of_words:
             names = [repr(file.header[k]) for k in columns_of_words]
             notes.append(f"Ignored, as they hold words: {listed(names)}.")
-        header = [file.header[k] for k in used]
-        where = str(path)
+        header = [file.header[k] for k in number_columns]
+        header_place = str(path)
         if isinstance(file, CsvFile):
-            where += f": line {file.header_line}"
-        check_header(header, where)
-        table = file.table(used)
+            header_place += f": line {file.header_line}"
+        check_header(header, header_place)
+        table = file.table(number_columns)
         if not len(table):
             raise TrajectoryError(f"{path}: no rows after the header.")
         time_name = ""

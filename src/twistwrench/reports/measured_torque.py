@@ -148,7 +148,8 @@ class MeasuredTorque:
     @property
     def _is_scaled(self) -> bool:
         """True if the measured torque is a multiple of the computed one, with a factor that friction cannot explain."""
-        return self.correlation > _MIN_CORRELATION and not 1 / _MAX_RATIO < self.gain < _MAX_RATIO
+        is_usual_gain = 1 / _MAX_RATIO < self.gain < _MAX_RATIO
+        return self.correlation > _MIN_CORRELATION and not is_usual_gain
 
     @property
     def _computed_without_noise(self) -> float:
@@ -201,7 +202,8 @@ class _AtExtreme(NamedTuple):
     @classmethod
     def from_parts(cls, parts: Sequence[_AtExtreme]) -> _AtExtreme:
         """Rows of several parts."""
-        values, next_values, sums = map(np.stack, zip(*parts, strict=True))
+        fields_of_parts = zip(*parts, strict=True)
+        values, next_values, sums = map(np.stack, fields_of_parts)
         value = values.max(axis=0)
         # In a part with a smaller maximum, this maximum may be the next value.
         next_value = np.where(values < value, values, next_values).max(axis=0)

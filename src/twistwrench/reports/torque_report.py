@@ -55,7 +55,7 @@ _STEPS_NEAR_END = 3
 
 @dataclass(frozen=True)
 class JointTorque:
-    """Torque over a motion of one joint, or of a motor that drives several joints."""
+    """Torque over a motion of one joint, or of a motor that drives several joints; all torques are in ``unit``."""
 
     joint: str
     unit: str
@@ -107,7 +107,8 @@ class JointTorque:
     @property
     def main_cause(self) -> tuple[str, float]:
         """Largest term in the direction of the peak, and its share of the sum of terms in this direction."""
-        torques_along_peak = np.array(list(self.terms.values())) * np.sign(self.largest)
+        torques = np.array(list(self.terms.values()))
+        torques_along_peak = torques * np.sign(self.largest)
         main_index = int(torques_along_peak.argmax())
         name = list(self.terms)[main_index]
         total = sum(torques_along_peak[torques_along_peak > 0])
@@ -409,7 +410,8 @@ class TorqueReport(Answer):
 
         times, min_torques, max_torques = self.envelope
         effort = np.where(np.isfinite(self.limits.effort), self.limits.effort, np.nan)  # nan: no share without a limit
-        limit_shares = np.maximum(np.abs(min_torques), np.abs(max_torques)) / effort
+        magnitudes = np.maximum(np.abs(min_torques), np.abs(max_torques))
+        limit_shares = magnitudes / effort
         return Shares(times, limit_shares, [joint.joint for joint in self.joints])
 
     # ── Figures
@@ -587,7 +589,8 @@ class TorqueReport(Answer):
             return False
         step_count = _STEPS_NEAR_END
         if derivation.smooths:
-            step_count = math.ceil(derivation.strengths.max() ** (1 / 6))  # width of the smoothing, in steps
+            largest_strength = derivation.strengths.max()
+            step_count = math.ceil(largest_strength ** (1 / 6))  # width of the smoothing, in steps
         time_to_end = np.abs(joint.time - derivation.ends).min()
         return bool(time_to_end < step_count * self.quality.step)
 

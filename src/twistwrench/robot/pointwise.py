@@ -134,15 +134,17 @@ def _constant_first(a: Expr, b: Expr) -> tuple[Expr, Expr]:
 def _with_nan_of(t: Trace, a: Expr, b: Expr) -> Expr:
     """b, or NaN where a is NaN."""
     if a.op == "const":
-        is_nan = a.value != a.value
+        is_nan = a.value != a.value  # only NaN differs from itself
         return a if is_nan else b
     two_or_nan = t.max(t.constant(2.0), t.sign(a))  # the sign is below 2, or NaN
-    return t.add(b, two_or_nan - 2.0)
+    zero_or_nan = two_or_nan - 2.0
+    return t.add(b, zero_or_nan)
 
 
 def _where_positive(t: Trace, x: Expr, a: Expr, b: Expr) -> Expr:
     """a where x > 0, else b, as max(min(a, L), min(b, -L)): L is the largest number if x > 0, otherwise minus that."""
-    signed_largest = _LARGEST_FLOAT * (2.0 * t.max(t.zero, t.sign(x)) - 1.0)
+    one_if_positive = t.max(t.zero, t.sign(x))  # otherwise 0
+    signed_largest = _LARGEST_FLOAT * (2.0 * one_if_positive - 1.0)
     return t.max(t.min(a, signed_largest), t.min(b, -signed_largest))
 
 

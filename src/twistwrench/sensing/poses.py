@@ -126,13 +126,13 @@ class PoseProposal(Answer):
         else:  # the centre of mass is the first moment over the mass
             interval = _half_width_text(mass_half_width, "kg")
             undetermined_quantities = f"the mass{interval} or the centre of mass"
-        poses = "1 pose" if len(self.gravity) == 1 else f"{len(self.gravity)} poses"
+        poses_text = "1 pose" if len(self.gravity) == 1 else f"{len(self.gravity)} poses"
         remedy = "Ask for more of them"
         if self.within < _MIN_FREE_TILT:
-            poses += f" tilted by up to {number(math.degrees(self.within))}°"
+            poses_text += f" tilted by up to {number(math.degrees(self.within))}°"
             remedy = f"Allow larger tilts by {spell(Argument('within'))}, such as 60°"
         few_poses = doubt(
-            "sensor-few-poses", those=poses, what=undetermined_quantities, mass=number(self.mass), way=remedy
+            "sensor-few-poses", those=poses_text, what=undetermined_quantities, mass=number(self.mass), way=remedy
         )
         return (few_poses,)
 
@@ -251,20 +251,22 @@ def propose_poses(
     deviations: list[tuple[float, float]] = []  # of the mass and of the first moment, after each pose
     for _ in range(count):
         covariance = np.linalg.inv(information)
-        _, log_gains = np.linalg.slogdet(np.eye(6) + A @ covariance @ np.swapaxes(A, -1, -2))
+        gain_matrices = np.eye(6) + A @ covariance @ np.swapaxes(A, -1, -2)  # of moments and forces of a candidate
+        _, log_gains = np.linalg.slogdet(gain_matrices)
         best_indices = np.flatnonzero(log_gains > log_gains.max() - _MAX_GAIN_OF_TIE)
         best = int(best_indices[0])  # the first, so that the choice is the same on every machine
         chosen_indices.append(best)
         information = information + A[best].T @ A[best]
-        unknown_deviations = np.sqrt(np.diag(np.linalg.inv(information)))
-        load_deviations = unknown_deviations[unknowns.load]  # of mass and first moment
-        deviations.append((load_deviations[0], load_deviations[1:].max()))
+        variances = np.diag(np.linalg.inv(information))
+        load_deviations = np.sqrt(variances)[unknowns.load]
+        mass_deviation, *moment_deviations = load_deviations.tolist()
+        deviations.append((mass_deviation, max(moment_deviations)))
     chosen_gravity = gravity * directions[chosen_indices]
     rotations = rotations_to_gravity(chosen_gravity)
-    mass_deviation, first_moment_deviation = np.array(deviations).T
-    mass_deviation[mass_deviation > _MAX_OBSERVABLE_DEVIATION] = math.inf
-    first_moment_deviation[first_moment_deviation > _MAX_OBSERVABLE_DEVIATION] = math.inf
-    return PoseProposal(chosen_gravity, rotations, mass_deviation, first_moment_deviation, mass, within, earlier_log)
+    mass_deviations, first_moment_deviations = np.array(deviations).T
+    mass_deviations[mass_deviations > _MAX_OBSERVABLE_DEVIATION] = math.inf
+    first_moment_deviations[first_moment_deviations > _MAX_OBSERVABLE_DEVIATION] = math.inf
+    return PoseProposal(chosen_gravity, rotations, mass_deviations, first_moment_deviations, mass, within, earlier_log)
 
 
 def _design(gravity: Array, unknowns: Unknowns) -> Array:
@@ -279,7 +281,7 @@ def _candidate_directions(candidates: ArrayLike | None, within: float) -> Array:
         k = np.arange(_CANDIDATE_COUNT) + 0.5
         cap_height = 1.0 - math.cos(min(within, math.pi))
         z = cap_height * k / _CANDIDATE_COUNT - 1.0
-        azimuth = math.pi * (1.0 + math.sqrt(5.0)) * k
+        azimuth = math.pi * (1.0 + math.sqrt(5.0)) * k  # multiples of the golden angle
         radius = np.sqrt(1.0 - z * z)
         d = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=-1)
         d = np.concatenate([[[0.0, 0.0, -1.0]], d])

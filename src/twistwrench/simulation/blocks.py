@@ -48,7 +48,8 @@ def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: A
     gaps = _append_last_gaps(run, gaps[:m], states[-1])
     if run.detector is not None:
         gaps[0] = run.detector.gaps  # as at the last check: rounding errors do not begin a contact
-    used_count, end = m, None
+    used_count = m
+    end: float | None = None
     if m:
         used_count, end = _first_end(run, steps, states, gaps)
     evaluated_count = used_count if end is None else used_count + 1  # with the step that ends the run
@@ -154,11 +155,15 @@ def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
 def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
     """Take one block of steps, or the remaining ones; True if an event ended the run."""
     system = run.system
-    first_step, h = run.steps, run.h
-    detects_events, tick = run.detector is not None, run.tick
+    first_step = run.steps
+    h = run.h
+    detects_events = run.detector is not None
+    tick = run.tick
     states = rows.states[:: rows.calls_per_step]
     _, states[0] = run.last
-    call, sole, max_squared_speed = rows.call, rows.sole, MAX_SPEED**2
+    call = rows.call
+    sole = rows.sole  # the only callback, if it gives all torques
+    max_squared_speed = MAX_SPEED**2
     function = None if sole is None else sole.function
     done = 0  # number of steps to be stored
     sampled = 0  # number of steps whose torques of the controller are known

@@ -34,7 +34,7 @@ class MotionClearance(Protocol):
         """Sentences on the nearest links."""
 
 
-VERBS_AND_MEANINGS = {
+VERBS_AND_MEANINGS = {  # kind: (verb, meaning)
     "position": ("is at", "Nothing held the joint: {stop} ends where a limit is reached"),
     "torque": (
         "is given",
@@ -72,7 +72,8 @@ def simulation_verdict(result: SimulationResult) -> Verdict:
     """
     if not result.completed:
         return Verdict(Word.STOPPED, (_reason_of_end(result),))
-    violations = list(chain.from_iterable(_violations(result).values()))
+    violations_by_kind = _violations(result)
+    violations = list(chain.from_iterable(violations_by_kind.values()))
     if not result.driven or not violations:
         return Verdict(Word.DONE)
     worst = violations[0]
@@ -85,25 +86,25 @@ def simulation_verdict(result: SimulationResult) -> Verdict:
 
 def _reason_of_end(result: SimulationResult) -> str:
     """Reason for an early end; a position limit is in degrees if ``result`` is."""
-    k = _joint_at_limit(result)
+    joint_index = _joint_at_limit(result)
     robot = result.simulated
-    if k is None or robot is None:
+    if joint_index is None or robot is None:
         return result.stopped
     positions = robot.model.positions(result.events[-1].q)
-    position = positions[k]
-    lower = robot.limits.lower[k]
-    upper = robot.limits.upper[k]
+    position = positions[joint_index]
+    lower = robot.limits.lower[joint_index]
+    upper = robot.limits.upper[joint_index]
     if upper - position < position - lower:
         side = "upper"
         limit = upper
     else:
         side = "lower"
         limit = lower
-    turns = bool(Coordinates.from_model(robot.model).angular_velocity[k])
+    turns = bool(Coordinates.from_model(robot.model).angular_velocity[joint_index])
     if result.degrees and turns:
         limit *= math.degrees(1.0)
     unit = unit_of("q", turns, degrees=result.degrees)
-    return f"{robot.model.velocity_names[k]} reached its {side} position limit, {number(limit, 5)} {unit}"
+    return f"{robot.model.velocity_names[joint_index]} reached its {side} position limit, {number(limit, 5)} {unit}"
 
 
 def _joint_at_limit(result: SimulationResult) -> int | None:
@@ -116,8 +117,8 @@ def _joint_at_limit(result: SimulationResult) -> int | None:
     distances = np.minimum(limits.upper - positions, positions - limits.lower)  # to the nearer limit
     margins = distances / limits.tolerance  # at most 1: the joint is at its limit
     finite_margins = np.where(np.isfinite(margins), margins, np.inf)
-    k = int(np.argmin(finite_margins))
-    return k if margins[k] <= 1.0 else None
+    joint_index = int(np.argmin(finite_margins))
+    return joint_index if margins[joint_index] <= 1.0 else None
 
 
 def _violation_text(violation: Violation, *, degrees: bool) -> str:
@@ -150,17 +151,19 @@ def worst_moment(result: SimulationResult) -> tuple[Array, MarkedJoint | None, s
     """
     end_time = number(result.times[-1], 6)
     title_of_end = f"{result.robot} at the end, t = {end_time} s"
-    k = _joint_at_limit(result)
-    if k is not None:
-        joint = result.velocity_names[k]
+    joint_index = _joint_at_limit(result)
+    if joint_index is not None:
+        joint = result.velocity_names[joint_index]
         return result.q[-1], MarkedJoint(joint, f"{joint}, at its limit", Style.NEAR), title_of_end
-    violations = list(chain.from_iterable(_violations(result).values()))
+    violations_by_kind = _violations(result)
+    violations = list(chain.from_iterable(violations_by_kind.values()))
     if not violations:
         return result.q[-1], None, title_of_end
     worst = violations[0]
     row = int(np.abs(result.times - worst.time).argmin())
     mark = MarkedJoint(worst.joint, f"{worst.joint}, {worst.kind} over its limit", Style.OVER)
-    return result.q[row], mark, f"{result.robot} at t = {seconds(worst.time)} s"
+    title = f"{result.robot} at t = {seconds(worst.time)} s"
+    return result.q[row], mark, title
 
 
 def limits_passed(result: SimulationResult) -> list[str]:

@@ -120,15 +120,15 @@ def sized_gear(
     mean_torque = average_torque(torque, speed, cycle.duration, gear.mean_exponent)
     mean_input_speed = average_speed(gear.ratio * speed, cycle.duration)
     peak_row = int(np.abs(cycle.torque).argmax())
-    peak_torque, peak_time = float(np.abs(cycle.torque[peak_row])), float(cycle.time[peak_row])
+    peak_torque = float(np.abs(cycle.torque[peak_row]))
     input_speeds = np.abs(cycle.speed * gear.ratio)
     fastest_row = int(input_speeds.argmax())
-    max_input_speed, fastest_time = float(input_speeds[fastest_row]), float(cycle.time[fastest_row])
+    max_input_speed = float(input_speeds[fastest_row])
     gear_life, missing_for_life = _life(gear, mean_torque, mean_input_speed)
     demands = [
-        Demand("peak torque", peak_torque, gear.repeated_peak, "N m", peak_time),
+        Demand("peak torque", peak_torque, gear.repeated_peak, "N m", float(cycle.time[peak_row])),
         Demand("average input speed", mean_input_speed / RPM, gear.average_speed / RPM, "rpm"),
-        Demand("input speed", max_input_speed / RPM, gear.maximum_speed / RPM, "rpm", fastest_time),
+        Demand("input speed", max_input_speed / RPM, gear.maximum_speed / RPM, "rpm", float(cycle.time[fastest_row])),
     ]
     if mean_torque > 0:
         demands.insert(0, Demand("average torque", mean_torque, gear.average_torque, "N m"))
@@ -144,7 +144,8 @@ def sized_gear(
         if math.isfinite(limit):
             largest_row = int(loads.argmax())
             name = f"{kind} moment of its bearing" if kind == "tilting" else f"{kind} force of its bearing"
-            load, time = float(loads[largest_row]), float(cycle.time[largest_row])
+            load = float(loads[largest_row])
+            time = float(cycle.time[largest_row])
             demands.append(Demand(name, load, limit, BEARING_UNITS[kind], time))
     ratings = ["average_torque", "repeated_peak", "average_speed", "maximum_speed"]
     if emergency is not None:
@@ -162,14 +163,14 @@ def sized_gear(
     if gear.kind == "direct":
         missing = []
     return SizedGear(
-        gear.name,
-        tuple(demands),
-        tuple(missing),
-        mean_torque,
-        peak_torque,
-        mean_input_speed,
-        max_input_speed,
-        gear_life,
+        name=gear.name,
+        demands=tuple(demands),
+        missing=tuple(missing),
+        average_torque=mean_torque,
+        peak_torque=peak_torque,
+        average_speed=mean_input_speed,
+        maximum_speed=max_input_speed,
+        life=gear_life,
     )
 
 

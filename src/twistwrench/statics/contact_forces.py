@@ -41,11 +41,14 @@ def contact_forces(
         joint_limits = np.where(floating_entries(robot), np.inf, limits)
         forces, _ = balance.forces_within(forces, least_norm, maps, tau, joint_limits)
     if not holds.all():  # contacts stick there: forces of least norm without cones
-        fails = ~holds
-        active_maps = balance.maps[fails] * in_contact[fails][:, None, :, None]  # (instants, entries, contacts, 3)
+        is_unbalanced = ~holds
+        active_maps = (
+            balance.maps[is_unbalanced] * in_contact[is_unbalanced][:, None, :, None]
+        )  # (instants, entries, contacts, 3)
         G = active_maps.reshape(*active_maps.shape[:2], -1)
-        sticking_forces = np.linalg.pinv(G) @ balance.load[fails][..., None]
-        forces[fails] = sticking_forces.reshape(-1, len(contacts), 3)
+        load_columns = balance.load[is_unbalanced][..., None]
+        sticking_forces = np.linalg.pinv(G) @ load_columns
+        forces[is_unbalanced] = sticking_forces.reshape(-1, len(contacts), 3)
     return ContactForces(forces, maps, holds)
 
 

@@ -85,8 +85,8 @@ class Equilibrium:
     def __str__(self) -> str:
         if self.holds:
             forces = np.asarray(self.forces)
-            largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
-            text = f"holds, with contact forces up to {number(largest)} N"
+            largest_force = np.linalg.norm(forces, axis=1).max(initial=0.0)
+            text = f"holds, with contact forces up to {number(largest_force)} N"
             if self.share is not None:
                 text += f", torques up to {percent(self.share, 3)} of their limits"
             return text
@@ -137,7 +137,8 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike) -> 
                 f"contacts[{k}] is at {contact.frame!r}, a link of a robot: on one body all points and normals are in the "
                 "one frame of its wrench. Give them in that frame, with frame=None, or use robot_equilibrium."
             )
-    F = arguments.finite(arguments.one(wrench_on_body, "wrench_on_body (m, f)", 6), "wrench_on_body (m, f)", 6)
+    single_wrench = arguments.one(wrench_on_body, "wrench_on_body (m, f)", 6)
+    F = arguments.finite(single_wrench, "wrench_on_body (m, f)", 6)
     # Moments are about the middle of the contacts, to avoid cancellation in those of distant contacts.
     points = np.array([contact.point for contact in contacts]).reshape(-1, 3)
     middle = np.zeros(3)
@@ -290,6 +291,7 @@ class _System:
 
         The largest share of a limit that torques may have is the least possible one, or ``share`` if that is larger.
         """
+        # The only programme has index 0.
         least = cone_programme(
             self.cones, self.maps[None, self.is_undriven], -self.load_with_preload[None, self.is_undriven],
             bounds=self._bounds(self.is_limited, np.zeros_like(self.limits), self.limits), sense="least",
@@ -304,19 +306,29 @@ class _System:
                     continue
                 shares = np.abs(torques / self.levers)[self.is_limited] / self.limits[self.is_limited]
                 largest_share = float(shares.max()) if shares.size else None
-                return Equilibrium(True, forces, torques, largest_share, None, None, None, names, frame)
+                return Equilibrium(
+                    holds=True, forces=forces, torques=torques, share=largest_share,
+                    motion=None, velocities=None, power=None, names=names, frame=frame,
+                )  # fmt: skip
         motion, power = self._unresisted_motion()
         largest_load = float(np.abs(self.load).max(initial=0.0))
         least_size = float(np.abs(motion).max()) * 1e-300  # without load, the power must be above zero
         if not power > _MIN_POWER * max(largest_load, least_size):
-            return Equilibrium(None, None, None, None, None, None, None, names, frame)
+            return Equilibrium(
+                holds=None, forces=None, torques=None, share=None,
+                motion=None, velocities=None, power=None, names=names, frame=frame,
+            )  # fmt: skip
         velocities = np.einsum("mck,m->ck", self.maps, motion)  # by virtual work
-        return _normalize(Equilibrium(False, None, None, None, motion / self.levers, velocities, power, names, frame))
+        proof = Equilibrium(
+            holds=False, forces=None, torques=None, share=None,
+            motion=motion / self.levers, velocities=velocities, power=power, names=names, frame=frame,
+        )  # fmt: skip
+        return _normalize(proof)
 
-    def _bounds(self, rows: Array, most: Array, rate: Array) -> ForceBounds:
-        """Bounds abs(load + Σ G_i f_i) ≤ most + s rate of some entries, followed by the largest pushes of the contacts."""
+    def _bounds(self, rows: Array, bounds_at_zero: Array, rates: Array) -> ForceBounds:
+        """Bounds abs(load + Σ G_i f_i) ≤ bounds_at_zero + s rates of some entries, followed by the contacts' largest pushes."""
         torque_bounds = two_sided(
-            self.maps[None, rows], self.load_with_preload[None, rows], most[None, rows], rate[None, rows]
+            self.maps[None, rows], self.load_with_preload[None, rows], bounds_at_zero[None, rows], rates[None, rows]
         )
         return torque_bounds.concatenate(self.pushes)
 

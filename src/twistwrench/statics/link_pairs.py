@@ -107,16 +107,16 @@ class LinkPairs:
     @classmethod
     def from_robot(cls, robot: Robot, exact: Exact = "auto", srdf: str | Path | None = None) -> LinkPairs:
         """Pairs of links not connected by a joint, disabled in the SRDF file or always in contact."""
-        disabled: frozenset[frozenset[str]] = frozenset()
+        disabled_links: frozenset[frozenset[str]] = frozenset()
         if srdf is not None:
-            disabled = disabled_pairs(robot, srdf)
+            disabled_links = disabled_pairs(robot, srdf)
         with_coal = _has_coal(exact)
-        key = ("clearance", disabled, with_coal)
-        pairs: LinkPairs = robot.engine.cache(key, lambda: cls._without_contact(robot, disabled, exact=with_coal))
+        key = ("clearance", disabled_links, with_coal)
+        pairs: LinkPairs = robot.engine.cache(key, lambda: cls._without_contact(robot, disabled_links, exact=with_coal))
         return pairs
 
     @classmethod
-    def _without_contact(cls, robot: Robot, disabled: frozenset[frozenset[str]], *, exact: bool) -> LinkPairs:
+    def _without_contact(cls, robot: Robot, disabled_links: frozenset[frozenset[str]], *, exact: bool) -> LinkPairs:
         """Pairs of links that are not disabled, without those that are always in contact."""
         solids, unknown = link_solids(robot)
         capsules = LinkCapsules.from_solids(robot, solids)
@@ -124,9 +124,11 @@ class LinkPairs:
         shapes = [_geometries(link) for link in solids] if exact else None
         with_shapes = {name for name, link in zip(names, solids, strict=True) if link}
         capsule_pairs = capsules.separable_pairs(robot)
-        is_enabled = [frozenset((names[a], names[b])) not in disabled for a, b in capsules.links[capsule_pairs]]
+        is_enabled = [frozenset((names[a], names[b])) not in disabled_links for a, b in capsules.links[capsule_pairs]]
         capsule_pairs = capsule_pairs[is_enabled]
-        order = np.lexsort(capsules.links[capsule_pairs].T[::-1])  # capsule pairs of the same links are adjacent
+        # Capsule pairs of the same links become adjacent. ``lexsort`` takes the most significant key last.
+        first_links, second_links = capsules.links[capsule_pairs].T
+        order = np.lexsort((second_links, first_links))
         capsule_pairs = capsule_pairs[order]
         none_above_floor = np.zeros(0, int)
         no_margins = np.zeros(0, int)
@@ -264,7 +266,7 @@ class LinkPairs:
     def nearest(self, q: Array) -> list[Nearest]:
         """Smallest distance in each of the configurations (n, nq)."""
         if not len(self.links):
-            return [Nearest(np.inf, 0)] * len(q)
+            return [Nearest(np.inf, -1)] * len(q)
         if not len(q):
             return []
         poses = self.robot.link_poses(q)

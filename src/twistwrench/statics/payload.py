@@ -73,18 +73,17 @@ class LargestPayload:
         if np.isnan(self.mass):
             return "unknown: q has an entry that is not a number"
         if not self.holds:
-            excess = np.abs(self.unloaded) - self.limits
-            k = int(np.argmax(excess))
-            needed_torque = number(abs(self.unloaded[k]))
-            return (
-                f"no payload: {self.joint_names[k]} needs {needed_torque} of {number(self.limits[k])} "
-                "to hold the robot alone"
-            )
+            excess_torques = np.abs(self.unloaded) - self.limits  # N m and N are compared as numbers
+            weakest_joint = int(np.argmax(excess_torques))
+            needed_torque = number(abs(self.unloaded[weakest_joint]))
+            limit = number(self.limits[weakest_joint])
+            return f"no payload: {self.joint_names[weakest_joint]} needs {needed_torque} of {limit} to hold the robot alone"
         if self.joint < 0:
             return "not limited at this pose: no joint with a limit carries the payload"
-        k = int(self.joint)
-        limit = printed(self.side * self.limits[k], 4, signed=True)
-        return f"{rounded_down(self.mass)} kg, limited by {self.joint_names[k]} at {limit} {self.units[k]}"
+        limiting_joint = int(self.joint)
+        limit = printed(self.side * self.limits[limiting_joint], 4, signed=True)
+        name, unit = self.joint_names[limiting_joint], self.units[limiting_joint]
+        return f"{rounded_down(self.mass)} kg, limited by {name} at {limit} {unit}"
 
 
 def torques_per_kilogram(
@@ -144,7 +143,8 @@ def _follower_torques(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | N
     loaded_wrenches = robot.joint_wrenches(q, zeros, zeros, wrench_by_robot={loaded_frame: F})
     unloaded_wrenches, loaded_wrenches = np.broadcast_arrays(unloaded_wrenches, loaded_wrenches)
     unloaded = follower_torques(model, unloaded_wrenches)
-    per_kilogram = _remove_rounding_errors(robot, follower_torques(model, loaded_wrenches - unloaded_wrenches))
+    payload_torques = follower_torques(model, loaded_wrenches - unloaded_wrenches)
+    per_kilogram = _remove_rounding_errors(robot, payload_torques)
     bodies = [model.bodies[i] for i in model.limited_followers]
     limits = np.array([body.effort for body in bodies])
     bears_payload = per_kilogram != 0
@@ -194,17 +194,20 @@ def largest_payload(
     L = effort_limits(robot, limits)
     unloaded = motor_torques(robot.model, resting_torques(robot, q))
     joint_per_kilogram = torques_per_kilogram(robot, q, com, frame)
-    per_kilogram = _remove_rounding_errors(robot, motor_torques(robot.model, joint_per_kilogram))
+    drive_per_kilogram = motor_torques(robot.model, joint_per_kilogram)
+    per_kilogram = _remove_rounding_errors(robot, drive_per_kilogram)
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
-    names = robot.model.drive_labels
-    turning = drive_turns(robot.model)
+    joint_names = robot.model.drive_labels
+    turns = drive_turns(robot.model)  # a flag for each entry
     if robot.model.limited_followers:
         followers = _follower_torques(robot, q, com, frame)
         unloaded = np.concatenate([unloaded, followers.unloaded], -1)
         per_kilogram = np.concatenate([per_kilogram, followers.per_kilogram], -1)
         L = np.concatenate([L, followers.limits])
-        names = (*names, *followers.names)
-        turning += [bool(robot.model.bodies[i].joint.turning[0]) for i in robot.model.limited_followers]
+        joint_names = (*joint_names, *followers.names)
+        for i in robot.model.limited_followers:
+            (follower_turns,) = robot.model.bodies[i].joint.turning  # followers have one coordinate
+            turns.append(bool(follower_turns))
     mass_range = growth(unloaded, per_kilogram, L)
     holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)
     largest_mass = np.maximum(mass_range.most, 0.0)
@@ -219,8 +222,8 @@ def largest_payload(
         per_kilogram=per_kilogram,
         per_joint=mass_range.per_joint,
         limits=L,
-        joint_names=names,
-        units=units_of("tau", turning),
+        joint_names=joint_names,
+        units=units_of("tau", turns),
     )
 
 
@@ -263,19 +266,20 @@ def payload_in_region(
     if corners.ndim != 2 or not len(corners):
         raise ShapeError(f"region has shape {np.shape(region)}, expected (k, 3): the corners of a convex region [m].")
     q = one_configuration(robot, q, "payload_in_region", "the best place is a linear programme of each pose")
-    at_corners = largest_payload(robot, q, corners, frame=frame, limits=limits)
-    worst = int(np.argmin(at_corners.mass))
-    worst_com = corners[worst]
-    if not at_corners.holds.all():  # the robot does not hold itself: no centre of mass is better
+    corner_payloads = largest_payload(robot, q, corners, frame=frame, limits=limits)
+    worst_corner = int(np.argmin(corner_payloads.mass))
+    worst_com = corners[worst_corner]
+    if not corner_payloads.holds.all():  # the robot does not hold itself: no centre of mass is better
         return RegionPayload(sure=0.0, worst_com=worst_com, best=0.0, best_com=worst_com)
-    unloaded = at_corners.unloaded[0]  # equal for all corners
-    corner_masses = _best_masses(unloaded, at_corners.per_kilogram, at_corners.limits)
+    unloaded = corner_payloads.unloaded[0]  # equal for all corners
+    corner_masses = _best_masses(unloaded, corner_payloads.per_kilogram, corner_payloads.limits)
     best_mass = float(corner_masses.sum())
     if 0 < best_mass < np.inf:
         best_com = corner_masses @ corners / best_mass  # m c = Σ λ_k c_k
     else:
-        best_com = corners[int(np.argmax(at_corners.mass))]
-    return RegionPayload(float(at_corners.mass[worst]), worst_com, best_mass, best_com)
+        best_corner = int(np.argmax(corner_payloads.mass))
+        best_com = corners[best_corner]
+    return RegionPayload(float(corner_payloads.mass[worst_corner]), worst_com, best_mass, best_com)
 
 
 def _best_masses(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
@@ -287,10 +291,10 @@ def _best_masses(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
     L = limits[has_limit]
     g = unloaded[has_limit]
     b = np.concatenate([L - g, L + g])  # A λ ≤ L - g and -A λ ≤ L + g
-    corners = A.shape[1]
-    optimum = linprog(-np.ones(corners), A_ub=np.vstack([A, -A]), b_ub=b, method="highs")
+    corner_count = A.shape[1]
+    optimum = linprog(-np.ones(corner_count), A_ub=np.vstack([A, -A]), b_ub=b, method="highs")
     if optimum.status != 0:
-        return np.full(corners, np.inf)
+        return np.full(corner_count, np.inf)
     return np.asarray(optimum.x)
 
 
@@ -347,11 +351,13 @@ class PayloadMap:
 
     def __str__(self) -> str:
         filled = int((self.count > 0).sum())
-        cell_size = float(np.diff(self.edges[0])[0])
+        first_edge, second_edge, *_ = self.edges[0].tolist()
+        cell_size = second_edge - first_edge  # [m], of every cell along both axes
+        best_mass = number(np.nanmax(self.best))
+        worst_mass = number(np.nanmin(self.worst))
         return (
             f"{self.plane} slice: {self.samples} configurations in {filled} cells of "
-            f"{number(1e3 * cell_size, 3)} mm, best {number(np.nanmax(self.best))} kg, "
-            f"worst {number(np.nanmin(self.worst))} kg"
+            f"{number(1e3 * cell_size, 3)} mm, best {best_mass} kg, worst {worst_mass} kg"
         )
 
 
@@ -399,20 +405,21 @@ def payload_map(
     rng = arguments.generator(rng)
     chunks: list[Array] = []  # rows (x, y, mass): tip in the plane [m] and largest payload [kg]
     for begin in range(0, samples, _CHUNK_CONFIGURATIONS):
-        q = robot.random_configuration(rng, min(_CHUNK_CONFIGURATIONS, samples - begin))
+        chunk_size = min(_CHUNK_CONFIGURATIONS, samples - begin)
+        q = robot.random_configuration(rng, chunk_size)
         T = np.asarray(robot.forward_kinematics(q, frame))
         p = T[:, :3, 3]
         if plane == "rz":
             radius = np.hypot(p[:, 0], p[:, 1])
-            in_plane = np.column_stack([radius, p[:, 2]])
+            plane_positions = np.column_stack([radius, p[:, 2]])
         else:
             x_axis, y_axis, normal_axis = SLICES[plane]
             is_inside = np.abs(p[:, normal_axis] - at) <= 0.5 * thickness
             q = q[is_inside]
-            in_plane = p[is_inside][:, [x_axis, y_axis]]
+            plane_positions = p[is_inside][:, [x_axis, y_axis]]
         if len(q):
-            mass = largest_payload(robot, q, com, frame=frame, limits=limits).mass
-            chunks.append(np.column_stack([in_plane, mass]))
+            masses = largest_payload(robot, q, com, frame=frame, limits=limits).mass
+            chunks.append(np.column_stack([plane_positions, masses]))
     if not chunks:
         raise ValueRangeError(
             f"none of {samples} configurations has its tip in the {plane} slice {printed(thickness)} m thick at "

@@ -45,11 +45,11 @@ class MountingLoad:
     def largest(self) -> dict[str, tuple[float, int]]:
         """Value of largest magnitude of each component ``mx`` … ``fz``, with its sign, and the index of its instant."""
         instants = np.abs(self.wrench).argmax(axis=0).tolist()
-        largest: dict[str, tuple[float, int]] = {}
+        peaks: dict[str, tuple[float, int]] = {}
         for k, name in enumerate(WRENCH):
             instant = instants[k]
-            largest[name] = (float(self.wrench[instant, k]), instant)
-        return largest
+            peaks[name] = (float(self.wrench[instant, k]), instant)
+        return peaks
 
     def bolts(self, places: ArrayLike, preload: float = 0.0) -> Array:
         """Axial and shear loads of bolts through a rigid flange in the frame's xy plane; the axial load pulls if above 0.
@@ -85,16 +85,16 @@ class MountingLoad:
             raise ShapeError(f"places of bolts have the shape {xy.shape}. Give (k, 2): x and y of each bolt [m].")
         bolt_count = len(xy)
         pattern = np.column_stack([np.ones(bolt_count), xy])  # N = pattern @ (a, b, c)
-        largest_entry = max(1.0, float(np.abs(xy).max(initial=0.0)))
-        if np.linalg.matrix_rank(pattern, tol=_RANK_TOLERANCE * largest_entry) < 3:
+        largest_entry = float(np.abs(pattern).max(initial=1.0))
+        if np.linalg.matrix_rank(pattern, tol=_RANK_TOLERANCE * largest_entry) < 3:  # a, b and c are not unique
             raise ValueRangeError(
                 f"{bolt_count} bolts in one line bear no moment about it. Give at least three places that are not in one line."
             )
         mx, my, mz, fx, fy, fz = self.wrench.T
-        axial_sums = np.stack(
-            [fz, -my, mx], axis=1
-        )  # Σ N, Σ N x, Σ N y: the foundation pulls back what the robot lifts
-        axial = axial_sums @ np.linalg.inv(pattern.T @ pattern) @ pattern.T + arguments.number(preload, "preload")
+        # Σ N, Σ N x, Σ N y: the foundation pulls back what the robot lifts.
+        axial_sums = np.stack([fz, -my, mx], axis=1)
+        plane_coefficients = axial_sums @ np.linalg.inv(pattern.T @ pattern)  # a, b, c of each instant
+        axial = plane_coefficients @ pattern.T + arguments.number(preload, "preload")
         centre = xy.mean(axis=0)
         x, y = (xy - centre).T
         torsion = mz - centre[0] * fy + centre[1] * fx  # moment about the centre
@@ -109,11 +109,11 @@ class MountingLoad:
 
     def __str__(self) -> str:
         force = np.linalg.norm(self.wrench[:, 3:], axis=1).max(initial=0.0)
-        tilting = np.hypot(self.wrench[:, 0], self.wrench[:, 1]).max(initial=0.0)
+        tilting_moment = np.hypot(self.wrench[:, 0], self.wrench[:, 1]).max(initial=0.0)
         torque = np.abs(self.wrench[:, 2]).max(initial=0.0)
         return (
-            f"on the foundation at {self.frame}: force up to {printed(force, 4)} N, tilting moment {printed(tilting, 4)} N m, "
-            f"torque {printed(torque, 4)} N m"
+            f"on the foundation at {self.frame}: force up to {printed(force, 4)} N, "
+            f"tilting moment {printed(tilting_moment, 4)} N m, torque {printed(torque, 4)} N m"
         )
 
 
@@ -206,7 +206,8 @@ def mounting_load(
     wrench = np.zeros((*F.shape[:-2], 6))  # in the base frame
     for k, body in enumerate(model.bodies):
         if body.parent == BASE and _stands_on(model, _carrier(model, body), frame):
-            wrench = wrench - _transform(_poses(body, q), F[..., k, :])
+            wrench_on_body = _transform(_poses(body, q), F[..., k, :])
+            wrench = wrench - wrench_on_body  # the body's reaction on the base
     wrenches_on_robot = {} if wrench_on_robot is None else wrench_on_robot
     for name, F_on in wrenches_on_robot.items():
         loaded_frame = model.frame(name)
@@ -318,7 +319,8 @@ def bearing_loads(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> 
     loads = bearing_load_components(model, F.reshape(-1, *F.shape[-2:]))
     indices = [k for k, body in enumerate(model.bodies) if body.joint.nv == 1 and body.joint.moves_body]
     names = tuple(model.bodies[k].joint.name for k in indices)
-    return BearingLoads(names, *(loads[kind][:, indices] for kind in BEARINGS))  # its fields have the order of BEARINGS
+    axial, radial, tilting = (loads[kind][:, indices] for kind in BEARINGS)
+    return BearingLoads(names, axial, radial, tilting)
 
 
 complete(globals())

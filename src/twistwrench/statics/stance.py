@@ -24,6 +24,8 @@ from .torque_limits import floating_entries
 if TYPE_CHECKING:
     from ..robot import Robot
 
+_MAX_LISTED_NAMES = 8
+"""Largest number of coordinates that a message names."""
 _MIN_STANCE_DROP = 0.005
 """Height [m] by which a foot is lower than the stance foot before it becomes the stance foot itself."""
 _MIN_STANCE_TIME = 0.02
@@ -73,12 +75,12 @@ def base_from_stance(robot: Robot, motion: Motion, feet: Sequence[str], stance: 
     """
     require_robot(robot, "base_from_stance")
     names = motion.robot.coordinate_names
-    has_free_base = floating_entries(robot)[:6].all()
-    has_same_joints = robot.coordinate_names[7:] == names
+    has_free_base = floating_entries(robot)[:6].all()  # the velocities of the base come first
+    has_same_joints = robot.coordinate_names[7:] == names  # without quaternion and position of the base
     if not (has_free_base and has_same_joints):
         raise ShapeError(
             f"base_from_stance takes robot {robot.name!r} with a floating base, and a motion of its joints alone; the motion "
-            f"has the coordinates {', '.join(names[:8])}. Load the robot with floating_base=True."
+            f"has the coordinates {', '.join(names[:_MAX_LISTED_NAMES])}. Load the robot with floating_base=True."
         )
     corners = {}
     for frame in feet:
@@ -139,7 +141,8 @@ def stance_rates(
         for contact in contacts:
             a = _point_acceleration(robot, q[rows], velocities[rows], accelerations[rows], contact)
             accelerations_without_base.append(a)
-        accelerations[rows, :6] = -_apply(inverse_J_b, np.concatenate(accelerations_without_base, axis=1))
+        accelerations_by_joints = np.concatenate(accelerations_without_base, axis=1)
+        accelerations[rows, :6] = -_apply(inverse_J_b, accelerations_by_joints)
     return velocities, accelerations
 
 
@@ -399,14 +402,16 @@ def _nearest_plane(points: Array, up: Array) -> tuple[Array, float, float]:
 
     The width is measured across the longest direction; it is zero if the points lie on one line.
     """
-    if len(points) < 3:
+    if len(points) < 3:  # no plane
         return up, 0.0, 0.0
     offsets = points - points.mean(axis=0)
-    _, widths, axes = np.linalg.svd(offsets, full_matrices=False)
-    normal = axes[2]
+    _, widths, axes = np.linalg.svd(offsets, full_matrices=False)  # the longest direction first
+    _, width, _ = widths.tolist()
+    _, _, normal = axes
     if normal @ up < 0:
         normal = -normal
-    return normal, float(widths[1]), float(np.abs(offsets @ normal).max())
+    largest_distance = float(np.abs(offsets @ normal).max())
+    return normal, width, largest_distance
 
 
 def _rotation_between(start: Array, end: Array) -> Array:

@@ -19,7 +19,7 @@ from .names import names_of, sympy
 if TYPE_CHECKING:
     from .equations import Equations
 
-FUNCTIONS = {
+FUNCTIONS = {  # inputs, output, number of axes, description
     "inverse_dynamics": (("q", "dq", "ddq"), "tau", 1, "tau = M(q) ddq + h(q, dq)"),
     "bias_forces": (("q", "dq"), "h", 1, "h = tau - M ddq"),
     "mass_matrix": (("q",), "M", 2, "M, symmetric and full"),
@@ -187,6 +187,7 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
     """
 
     def write(x: Any) -> str:
+        """Text of any subexpression."""
         if x.is_Add:
             sum_text = " + ".join(map(write, x.args))
             return sum_text.replace("+ -", "- ")
@@ -220,6 +221,7 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
         return write_call("pow", base, exponent)
 
     def write_product(x: Any) -> str:
+        """Text of a product, or of its only factor."""
         return "*".join(map(write_factor, sympy.Mul.make_args(x)))
 
     def write_factor(x: Any) -> str:
@@ -231,6 +233,7 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
         return f"({write(x)})"
 
     def write_call(name: str, *args: Any) -> str:
+        """Call of a function by SymPy's name."""
         if name not in functions:
             names = ", ".join(function for function in functions if function != "pow")
             raise ValueRangeError(

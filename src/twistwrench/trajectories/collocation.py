@@ -22,14 +22,15 @@ STAGES = 5
 """Number of nodes of a piece; u is a polynomial of degree 4 there, x one of degree 5."""
 TOLERANCE = 2e-8
 """Largest deviation of a piece from its limit, above or below, as a share of the limit."""
-AT_REST = 4e-7
+TOLERANCE_AT_REST = 4e-7
 """Tolerance of the first piece from rest with viscous friction, where √x is not a polynomial; costs about 1e-5 s."""
 _MAX_CHANGE_RATIO = 4.0
 """Largest ratio by which x may change within a piece; larger ratios make the time integral inaccurate."""
 
 
 _LEGENDRE = np.polynomial.legendre.Legendre
-NODES = np.sort(0.5 * (1.0 + (_LEGENDRE.basis(STAGES) - _LEGENDRE.basis(STAGES - 1)).roots().real))
+_RADAU_POLYNOMIAL = _LEGENDRE.basis(STAGES) - _LEGENDRE.basis(STAGES - 1)  # on [-1, 1]
+NODES = np.sort(0.5 * (1.0 + _RADAU_POLYNOMIAL.roots().real))
 """Nodes of Radau IIA on (0, 1], the last one 1: roots of P_n - P_{n-1}."""
 _COEFFICIENTS = np.linalg.inv(np.vander(NODES, increasing=True))
 """Coefficients of u in powers of ζ from its values at the nodes."""
@@ -58,6 +59,8 @@ _NEWTON_TOLERANCE = 1e-14
 """Last step of Newton's method, as a share of the largest u."""
 _MIN_SQUARE = 1e-300
 """Smallest x for a division by √x."""
+_DIAGONAL_SHIFT = 1e-13
+"""Addition to the diagonal of a singular matrix, as a share of its largest entry."""
 _FLIP = np.zeros((STAGES + 1, STAGES + 1))
 for _i, _j in np.ndindex(*_FLIP.shape):
     _FLIP[_i, _j] = comb(_j, _i) * (-1.0) ** _i
@@ -112,19 +115,19 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
             along_cap = np.linalg.solve(2 * way * h * INTEGRALS, cap[:, applies] - x).T
             u = np.concatenate([u, along_cap])
             active_rows += [rows.caps[k] for k in np.flatnonzero(applies)]
-            sides += [1] * int(applies.sum())
+            sides += [1] * int(applies.sum())  # a cap is an upper limit
     if not len(u):
         return None, False
     # dx/ds = 2 u and ds = way h dζ, so x grows by 2 way h ∫ u dζ.
     U = u @ _U_AT_POINTS.T  # (candidates, points)
     X = x + 2 * way * h * (u @ _INTEGRALS_AT_POINTS.T)
     row_values = np.abs(limits.values(U, X))
-    tolerance = AT_REST if x == 0 and np.any(limits.d) else TOLERANCE
+    tolerance = TOLERANCE_AT_REST if x == 0 and np.any(limits.d) else TOLERANCE
     is_active = np.zeros((len(u), len(rows.rows)), bool)
     active_indices = [rows.rows.index(row) for row in active_rows[:n_along_rows]]
     is_active[np.arange(n_along_rows), active_indices] = True
     # The deviation of the active row itself is checked below.
-    meets_limit = (rows.L + tolerance * rows.L >= row_values) | is_active[:, None, :]
+    meets_limit = (row_values <= rows.L + tolerance * rows.L) | is_active[:, None, :]
     is_allowed = meets_limit.all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
     cap_tolerances = np.where(np.arange(len(u)) < n_along_rows, _CAP_ROUNDING, _CAP_TOLERANCE)
     cap_tolerance = cap_tolerances[:, None, None] * np.ones((len(POINTS), 1))
@@ -140,7 +143,8 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
         k = rows.rows.index(row)
         deviation = np.abs(row_values[fastest, :, k] / rows.L[k] - 1.0)
     change_ratio = X[fastest, STAGES - 1] / x if x > 0 else 1.0
-    if deviation.max() > tolerance or not 1 / _MAX_CHANGE_RATIO <= change_ratio <= _MAX_CHANGE_RATIO:
+    changes_little = 1 / _MAX_CHANGE_RATIO <= change_ratio <= _MAX_CHANGE_RATIO
+    if deviation.max() > tolerance or not changes_little:
         return None, True
     coefficients = np.concatenate([[x], 2 * way * h * (_COEFFICIENTS @ u[fastest]) / _EXPONENTS])
     cell = Cell(low, high, coefficients, row, sides[fastest])
@@ -184,13 +188,13 @@ def _candidates(rows: PathRows, limits: Rows, x: float, way: int, h: float) -> t
 
 
 def _solve(matrix: Array, right_side: Array) -> Array:
-    """Solutions of systems (n, STAGES, STAGES); if one is singular, all diagonals are raised by 1e-13 of the entries."""
+    """Solutions of systems (n, STAGES, STAGES); if one is singular, all are solved with raised diagonals."""
     columns = right_side[..., None]
     try:
         solutions = np.linalg.solve(matrix, columns)
     except np.linalg.LinAlgError:
-        size = np.abs(matrix).max(axis=(1, 2), keepdims=True)
-        raised_matrix = matrix + 1e-13 * (size + 1e-300) * np.eye(STAGES)  # 1e-300: a matrix may be zero
+        largest_entry = np.abs(matrix).max(axis=(1, 2), keepdims=True)
+        raised_matrix = matrix + _DIAGONAL_SHIFT * (largest_entry + 1e-300) * np.eye(STAGES)  # 1e-300: it may be zero
         solutions = np.linalg.solve(raised_matrix, columns)
     return np.asarray(solutions[..., 0])
 
@@ -252,8 +256,10 @@ class FastestScaling:
     def _piece_times(self) -> Array:
         """∫ ds/√x over each piece [s], integrated from its slower end."""
         k = np.arange(len(self.cells))
-        whole = np.ones(len(k))  # fraction of each piece
-        return np.where(self._is_slowing, self._integral(k, whole, -1.0), self._integral(k, whole, 1.0))
+        whole_piece = np.ones(len(k))  # fraction of each piece
+        time_from_end = self._integral(k, whole_piece, -1.0)
+        time_from_start = self._integral(k, whole_piece, 1.0)
+        return np.where(self._is_slowing, time_from_end, time_from_start)
 
     def _since(self, k: Array, z: Array) -> Array:
         """∫ ds/√x over the first fraction z of piece k; (n), (n) → (n)."""
@@ -270,23 +276,25 @@ class FastestScaling:
         """
         w = _GAUSS_NODES[None, :]
         zeta = z[:, None] * w * w
+        zeta_from_start = np.where(way > 0, zeta, 1.0 - zeta)
         with np.errstate(divide="ignore", invalid="ignore"):
-            integrand = 2 * w / np.sqrt(self._square(k, np.where(way > 0, zeta, 1.0 - zeta)))
+            integrand = 2 * w / np.sqrt(self._square(k, zeta_from_start))
+        finite_integrand = np.where(np.isfinite(integrand), integrand, 0.0)
         # Row by row, so that the result for one sample does not depend on the batch size.
-        return self._lengths[k] * z * np.vecdot(np.where(np.isfinite(integrand), integrand, 0.0), _GAUSS_WEIGHTS)
+        return self._lengths[k] * z * np.vecdot(finite_integrand, _GAUSS_WEIGHTS)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T the path is at rest at its ends."""
         times = np.asarray(arguments.real(t, "t"), float)
-        flat = np.clip(times.ravel(), 0.0, self.duration)
-        is_known = ~np.isnan(flat)
-        flat = np.where(is_known, flat, 0.0)
-        k = np.searchsorted(self.times, flat, side="right") - 1
+        inner_times = np.clip(times.ravel(), 0.0, self.duration)
+        is_known = ~np.isnan(inner_times)
+        inner_times = np.where(is_known, inner_times, 0.0)
+        k = np.searchsorted(self.times, inner_times, side="right") - 1
         k = np.clip(k, 0, len(self.cells) - 1)  # pieces
-        time_in_piece = flat - self.times[k]
+        time_in_piece = inner_times - self.times[k]
         z = np.empty(len(k))
-        for first in range(0, len(k), _SAMPLES_PER_BLOCK):
-            block = slice(first, first + _SAMPLES_PER_BLOCK)
+        for begin in range(0, len(k), _SAMPLES_PER_BLOCK):
+            block = slice(begin, begin + _SAMPLES_PER_BLOCK)
             z[block] = self._fraction_after(k[block], time_in_piece[block])
         x = self._square(k, z[:, None])[:, 0]
         dx_dz = np.zeros(len(k))  # derivative of the polynomial, by Horner's scheme
@@ -295,8 +303,11 @@ class FastestScaling:
         dds = 0.5 * dx_dz / self._lengths[k]  # d²s/dt² = x'/2
         outside = (times.ravel() < 0) | (times.ravel() > self.duration)
         nan_where_unknown = np.where(is_known, 0.0, np.nan)
-        s = np.array([cell.low for cell in self.cells])[k] + z * self._lengths[k]
-        motion = (s, np.where(outside, 0.0, np.sqrt(x)), np.where(outside, 0.0, dds))
+        s_at_begin = np.array([cell.low for cell in self.cells])
+        s = s_at_begin[k] + z * self._lengths[k]
+        ds = np.where(outside, 0.0, np.sqrt(x))
+        dds = np.where(outside, 0.0, dds)
+        motion = (s, ds, dds)
         return tuple((y + nan_where_unknown).reshape(times.shape) for y in motion)  # type: ignore[return-value]
 
     def _fraction_after(self, k: Array, time_in_piece: Array) -> Array:

@@ -28,7 +28,7 @@ from ..mechanics.model.couplings import motor_torques
 from ..mechanics.model.limits import Limits
 from ..motion.bounds import bounds_of, velocities_inside
 from ..robot.base import require_robot
-from .collocation import AT_REST, Cell, FastestScaling, try_cell
+from .collocation import TOLERANCE_AT_REST, Cell, FastestScaling, try_cell
 from .jerk_limited import short_averages
 from .limit_rows import PathRows
 from .paths import JointPath, require_path
@@ -539,7 +539,7 @@ def fastest(
         )
     margin = _MARGIN
     if friction and np.any(robot.model.friction.viscous):
-        margin += AT_REST
+        margin += TOLERANCE_AT_REST
     reduced_limits = {kind: getattr(bounds, kind) * (1.0 - margin) for kind in _KINDS}
     reduced_bounds = replace(bounds, **reduced_limits)
     quick = _time_optimal(robot, path, bounds, reduced_bounds, friction=friction)

@@ -47,6 +47,18 @@ _MIN_TRUST = 1e-3
 """Trust region at which the search ends."""
 _MIN_RELATIVE_GAIN = 1e-4
 """Gain of a linear programme, over the duration, below which the search ends."""
+_SLOPE_STEP = 1e-4
+"""Change of a logarithm of a factor from which slopes follow."""
+_MIN_RELEVANT_SHARE = 0.5
+"""Share of the largest required duration from which a sample is in the linear programme."""
+_TRUST_DIVISOR = 4.0
+"""Divisor of the trust region after a step that does not improve."""
+_MIN_GAIN_SHARE = 0.5
+"""Share of the predicted gain above which the trust region grows."""
+_TRUST_GROWTH = 1.5
+"""Factor by which the trust region grows."""
+_TOP_MARGIN = 1e-9
+"""Distance below the top of a peak at which its length is measured, as a share of its height."""
 _BISECTION_STEPS = 50
 """Number of halvings of the interval in which the level of a coast lies."""
 
@@ -77,7 +89,8 @@ def short_averages(
 
     sample_times = np.linspace(0.0, 1.0, _SAMPLE_COUNT)
     with np.errstate(invalid="ignore"):
-        t = np.cumsum(np.nan_to_num(2.0 * np.diff(nodes) / (rates[1:] + rates[:-1])))
+        step_times = 2.0 * np.diff(nodes) / (rates[1:] + rates[:-1])
+    t = np.cumsum(np.nan_to_num(step_times))
     interval_numbers = np.floor(t / t[-1] / _MIN_NODE_INTERVAL)
     _, first_of_interval = np.unique(interval_numbers, return_index=True)  # one node for each interval
     inner_nodes = first_of_interval[:-1] + 1  # t begins at the second node
@@ -119,7 +132,7 @@ def _choose_windows(s: Array, rates: Array, durations: Callable[[Averaged], Arra
     half_step = 0.5 * (grid[1] - grid[0])
     simplex = start - half_step * np.array([[0, 0], [1, 0], [0, 1]])
     options: Any = {"maxfev": _MAX_SIMPLEX_TRIALS, "initial_simplex": simplex}
-    optimum: Any = minimize(duration, start, (coasts,), "Nelder-Mead", options=options)
+    optimum: Any = minimize(duration, start, args=(coasts,), method="Nelder-Mead", options=options)
     return shape(np.asarray(optimum.x), coasts=coasts)
 
 
@@ -159,7 +172,7 @@ def with_coasts(nodes: Array, rates: Array, duration: float) -> tuple[Array, Arr
         peaks = 1 + np.flatnonzero((x[1:-1] >= x[:-2]) & (x[1:-1] >= x[2:]))
         peaks = peaks[np.argsort(-x[peaks], kind="stable")]  # highest first
         # Just below its top, so that a peak that is a coast already is measured along its length.
-        peak = next((k for k in peaks.tolist() if is_too_short(k, x[k] * (1 - 1e-9))), None)
+        peak = next((k for k in peaks.tolist() if is_too_short(k, x[k] * (1 - _TOP_MARGIN))), None)
         if peak is None:
             return s, np.sqrt(x)
         low_level = 0.0  # its coast is long enough
@@ -189,8 +202,7 @@ def _improve(shape: Averaged, durations: Callable[[Averaged], Array]) -> Average
     knots = np.interp(np.linspace(0.0, shape.duration, _KNOT_COUNT), t, s_at_t)
     # Logarithms of the factors at s: piecewise linear between the knots.
     hat_functions = np.stack([np.interp(s, knots, unit) for unit in np.eye(_KNOT_COUNT)], axis=1)
-    n = _KNOT_COUNT + 2
-    difference = 1e-4  # of x for slopes
+    n = _KNOT_COUNT + 2  # number of factors: of both windows, then of the rates
 
     def with_factors(x: Array) -> Averaged:
         """Shape with factors exp(x) of both windows and of the rates at the knots."""
@@ -208,29 +220,32 @@ def _improve(shape: Averaged, durations: Callable[[Averaged], Array]) -> Average
     for _ in range(_MAX_PROGRAMMES):
         slope_columns = []
         for unit in np.eye(n):
-            changed_durations = durations(with_factors(x + difference * unit))
-            slope_columns.append((changed_durations - current_durations) / difference)
+            changed_durations = durations(with_factors(x + _SLOPE_STEP * unit))
+            slope_columns.append((changed_durations - current_durations) / _SLOPE_STEP)
         slopes = np.stack(slope_columns, axis=1)
         # Unknowns are the step of x and the largest duration D: current_durations + slopes @ step <= D.
-        is_relevant = current_durations > 0.5 * current_durations.max()
+        is_relevant = current_durations > _MIN_RELEVANT_SHARE * current_durations.max()
         rows = np.column_stack([slopes, -np.ones(len(current_durations))])[is_relevant]
         upper_bounds = -current_durations[is_relevant]
         new_durations = current_durations
         while trust > _MIN_TRUST:
             box = [(max(-trust, low), trust) for low in min_x - x]
             bounds = [*box, (0.0, None)]
-            step = linprog(largest_duration, rows, upper_bounds, sum_of_rate_logs, [0.0], bounds=bounds).x
+            optimum = linprog(
+                largest_duration, A_ub=rows, b_ub=upper_bounds, A_eq=sum_of_rate_logs, b_eq=[0.0], bounds=bounds
+            )
+            step = optimum.x  # None if there is none
             if step is not None:
                 new_durations = durations(with_factors(x + step[:n]))
                 if new_durations.max() < current_durations.max():
                     break
-            trust /= 4.0
+            trust /= _TRUST_DIVISOR
         else:  # no step within the smallest trust region improves
             break
         predicted_gain = current_durations.max() - step[n]
         gain = current_durations.max() - new_durations.max()
-        if gain > 0.5 * predicted_gain:
-            trust *= 1.5
+        if gain > _MIN_GAIN_SHARE * predicted_gain:
+            trust *= _TRUST_GROWTH
         x = x + step[:n]
         current_durations = new_durations
         if gain < _MIN_RELATIVE_GAIN * current_durations.max():

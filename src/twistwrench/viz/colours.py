@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     from ..mechanics.model.model import Model
     from ..robot import Robot
 
+_STEP_WIDTH = 1e-3
+"""Width of the change from one colour to the next, as a share of a limit."""
 SHARES = (
     (0.0, MEANINGS[Style.QUIET].scene),
     (NEAR_LIMIT, MEANINGS[Style.QUIET].scene),
-    (NEAR_LIMIT + 1e-3, MEANINGS[Style.NEAR].scene),
+    (NEAR_LIMIT + _STEP_WIDTH, MEANINGS[Style.NEAR].scene),
     (1.0, MEANINGS[Style.NEAR].scene),
-    (1.0 + 1e-3, MEANINGS[Style.OVER].scene),
+    (1.0 + _STEP_WIDTH, MEANINGS[Style.OVER].scene),
 )
 """Pairs (share of a limit, colour): neutral, amber from 80 % of the limit, red beyond it, with sharp steps."""
 COLOURS: MappingProxyType[str, Any] = MappingProxyType(
@@ -153,7 +155,7 @@ def force_scale(robot: Robot, scene: Scene) -> float:
         return 0.0
     q = robot.random_configuration(0, _SAMPLED_POSES)
     semi_axes = wrench_ellipsoid(robot, q, limits=effort).semi_axes  # (poses, 3), sorted
-    typical_force = float(np.median(semi_axes[:, 1]))
+    typical_force = float(np.median(semi_axes[:, 1]))  # of the middle axes
     if not np.isfinite(semi_axes).all() or not typical_force > 0:
         return 0.0
     return _ELLIPSOID_SHARE * scene.size / typical_force

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 FRICTION = 0.6
 """Friction coefficient between feet and floor."""
+_PREFERENCE_FACTOR = 1e-2
+"""Factor of a velocity's column for each unit of its preference."""
 _LIMIT_PENALTY = 1e3
 """Penalty for a joint outside its limits, which outweighs any singular value of the scaled Jacobian."""
 
@@ -121,7 +123,7 @@ def _dependent_velocities(A: Array, preference: Array) -> Array:
     from scipy.linalg import qr
 
     # Pivoting takes the largest columns first, so columns of high preference are made small.
-    _, pivots = qr(A * 1e-2**preference, mode="r", pivoting=True)
+    _, pivots = qr(A * _PREFERENCE_FACTOR**preference, mode="r", pivoting=True)
     dependent_columns = pivots[: len(A)]
     return np.isin(np.arange(A.shape[1]), dependent_columns)
 
@@ -158,7 +160,7 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
         sole_pose = T[k] @ frames[name].pose
         pose_rows = tuple(map(tuple, sole_pose.tolist()))
         closures.append(Closure(GROUND, name, rows, pose_rows))
-    leg_bodies = {body for foot in feet for body in chain_to_base(model, foot)} - {0}
+    leg_bodies = {body for foot in feet for body in chain_to_base(model, foot)} - {0}  # body 0 is the floating base
     loops = {
         "rows": _rows_of(closures),
         "dependent": None,
@@ -222,7 +224,7 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
         return None
     q = starting_pose(robot)
     shapes = _points_of_bodies(robot.model, scene)
-    feet = [leg[-1] for leg in hanging.legs]
+    feet = [leg[-1] for leg in hanging.legs]  # the last body of each leg
     shapeless_feet = [robot.model.bodies[foot].link for foot in feet if foot not in shapes]
     if shapeless_feet:
         return q, f"{spell_out(HELD)}; no standing pose found: no shape of {', '.join(shapeless_feet)}"
@@ -329,10 +331,15 @@ def _sole(points: Array, T: Array, size: float) -> Array:
     return np.asarray(points[list(corners)])
 
 
+# Weights of the residuals of a stance; the spread of the feet has the weight 1.
 _HEIGHT_WEIGHT = 300.0
 _COM_WEIGHT = 10.0
 _JOINT_WEIGHT = 0.1
-"""Weights of the residuals of a stance, beside 1 for the spread of the feet; joints count by 0.1 of the size per radian."""
+"""Weight of joint angles, which count by the robot's size per radian."""
+_DIFFERENCE_STEP = 1e-6
+"""Step of forward differences [rad or m]."""
+_BOUND_MARGIN = 1e-9
+"""Distance of the first unknowns from their bounds [rad or m]."""
 _MAX_EVALUATIONS = 60
 """Largest number of evaluations of the search for a stance."""
 
@@ -376,7 +383,7 @@ def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Se
         return np.concatenate(parts, axis=1) / scene.size
 
     # The feet keep their spread, and all other residuals should be zero.
-    residuals_at_start = residuals(start[None])[0]
+    (residuals_at_start,) = residuals(start[None])
     spread_end = len(residuals_at_start) - len(joints)
     spread_rows = slice(spread_end - 2 * len(feet), spread_end)
     target = np.zeros_like(residuals_at_start)
@@ -388,13 +395,14 @@ def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Se
 
     def jacobian(x: Array) -> Array:
         """Derivatives (m, 1 + joints) of the residuals, by forward differences."""
-        step = 1e-6
-        neighbours = x + np.vstack([np.zeros(len(x)), step * np.eye(len(x))])  # x itself, then one step of each unknown
+        steps = _DIFFERENCE_STEP * np.eye(len(x))
+        neighbours = x + np.vstack([np.zeros(len(x)), steps])  # x itself, then one step of each unknown
         r = residuals(neighbours)
-        return (r[1:] - r[0]).T / step
+        return (r[1:] - r[0]).T / _DIFFERENCE_STEP
 
-    inner_start = np.clip(start, low + 1e-9, high - 1e-9)  # least_squares begins inside the bounds
-    search = least_squares(stance_error, inner_start, jacobian, bounds=(low, high), max_nfev=_MAX_EVALUATIONS)
+    inner_start = np.clip(start, low + _BOUND_MARGIN, high - _BOUND_MARGIN)  # least_squares begins inside the bounds
+    search = least_squares(stance_error, inner_start, jac=jacobian, bounds=(low, high), max_nfev=_MAX_EVALUATIONS)
+    lift, *positions = search.x.tolist()
     stance = q.copy()
-    stance[joints] = search.x[1:]
-    return stance, float(search.x[0])
+    stance[joints] = positions
+    return stance, lift

@@ -34,6 +34,7 @@ GROUND = (0.55, 0.59, 0.64)
 ELLIPSOID = (0.20, 0.46, 0.72)
 PAYLOAD = (0.84, 0.37, 0.0)
 _MAX_LISTED_LINKS = 4
+"""Largest number of links in a note."""
 _TUBE_RADIUS = 0.022
 """Radius of a tube, as a share of the robot's size."""
 _STEEL_DENSITY = 7850.0
@@ -63,14 +64,14 @@ def skeleton(model: Model) -> Skeleton:
     if size < _MIN_SIZE:  # a single floating body: twice the longest axis of its ellipsoid
         lengths = [4.0 * _semi_axes(body.inertia).max() for body in bodies.values() if body.inertia.mass > 0]
         size = max(lengths, default=1.0)
-    r = _TUBE_RADIUS * size  # unit of all thicknesses
+    thickness = _TUBE_RADIUS * size  # unit of all thicknesses
     looks: list[Part] = []
     child_joints: dict[int, list[Array]] = {k: [] for k in (BASE, *bodies)}  # points in the frame of the parent
     for k, body in bodies.items():
         joint_point = _axis_point(body.joint)
         child_joints[body.parent].append(body.placement[:3, :3] @ joint_point + body.placement[:3, 3])
-        looks += _parts(k, _joint_surfaces(body.joint, joint_point, r), JOINT)
-        looks += _parts(body.parent, _rail_surfaces(model, body, size, r), TUBE)
+        looks += _parts(k, _joint_surfaces(body.joint, joint_point, thickness), JOINT)
+        looks += _parts(body.parent, _rail_surfaces(model, body, size, thickness), TUBE)
     for k, body in bodies.items():  # tubes from the joint of each body to the joints of its children
         start = _axis_point(body.joint)
         if body.joint.nv > 1 and body.inertia.mass > 0:  # a floating body has no axis
@@ -79,12 +80,12 @@ def skeleton(model: Model) -> Skeleton:
         if not ends:
             ends = _outermost_point(model, k, start)
         for end in ends:
-            looks += _parts(k, _tube_surfaces(start, end, r), TUBE)
+            looks += _parts(k, _tube_surfaces(start, end, thickness), TUBE)
     if all(body.joint.driven or body.parent != BASE for body in bodies.values()):  # the base is fixed
-        foot_pose = se3.pose(np.eye(3), [0, 0, -0.25 * r])
-        looks.append((BASE, cylinder(2.6 * r, 0.5 * r).placed(foot_pose), GROUND))
+        foot_pose = se3.pose(np.eye(3), [0, 0, -0.25 * thickness])
+        looks.append((BASE, cylinder(2.6 * thickness, 0.5 * thickness).placed(foot_pose), GROUND))
         for end in child_joints[BASE]:
-            looks += _parts(BASE, _tube_surfaces(np.zeros(3), end, r), GROUND)
+            looks += _parts(BASE, _tube_surfaces(np.zeros(3), end, thickness), GROUND)
     ellipsoids: list[Part] = []
     for k, body in bodies.items():
         ellipsoids += _parts(k, equal_inertia_ellipsoid(body.inertia), ELLIPSOID)
@@ -169,22 +170,22 @@ def _outermost_point(model: Model, k: int, start: Array) -> list[Array]:
     return [max(points, key=lambda point: float(np.linalg.norm(point - start)))]
 
 
-def _joint_surfaces(joint: Joint, point: Array, r: float) -> list[Surface]:
+def _joint_surfaces(joint: Joint, point: Array, thickness: float) -> list[Surface]:
     """Short cylinder along the axis of a revolute joint, or box around a prismatic joint; empty for other joints."""
     if joint.nv != 1:
         return []
     screw = joint.axes[0]
     w, v = screw[:3], screw[3:]
     if w.any():
-        surface = cylinder(1.45 * r, 3.4 * r)  # radius and length, wider than a tube
+        surface = cylinder(1.45 * thickness, 3.4 * thickness)  # radius and length, wider than a tube
         axis = w
     else:
-        surface = box((2.6 * r, 2.6 * r, 4.0 * r))
+        surface = box((2.6 * thickness, 2.6 * thickness, 4.0 * thickness))  # longest along the axis
         axis = v
     return [surface.placed(se3.pose(turned_z(axis), point))]
 
 
-def _rail_surfaces(model: Model, body: Body, size: float, r: float) -> list[Surface]:
+def _rail_surfaces(model: Model, body: Body, size: float, thickness: float) -> list[Surface]:
     """Rail of a sliding body in its parent's frame, between its limits; empty for other bodies.
 
     An end without a limit is a quarter of the robot's size from the middle.
@@ -200,16 +201,17 @@ def _rail_surfaces(model: Model, body: Body, size: float, r: float) -> list[Surf
     R, origin = body.placement[:3, :3], body.placement[:3, 3]
     start = R @ (ends[0] * v) + origin
     end = R @ (ends[1] * v) + origin
-    return _tube_surfaces(start, end, 0.5 * r)
+    return _tube_surfaces(start, end, 0.5 * thickness)
 
 
-def _tube_surfaces(start: Array, end: Array, r: float) -> list[Surface]:
+def _tube_surfaces(start: Array, end: Array, thickness: float) -> list[Surface]:
     """Tube with round ends between two points; empty if they are close."""
     length = float(np.linalg.norm(end - start))
-    if length < 0.5 * r:
+    if length < 0.5 * thickness:
         return []
     T = se3.pose(turned_z(end - start), (start + end) / 2)
-    return [cylinder(0.8 * r, length, round_ends=True).placed(T)]
+    radius = 0.8 * thickness
+    return [cylinder(radius, length, round_ends=True).placed(T)]
 
 
 def turned_z(direction: Array) -> Array:
@@ -287,7 +289,8 @@ class Scene:
             if shape.layer == "looks" and shape.body in lengths:
                 points = shape.surface.vertices @ shape.pose[:3, :3].T + shape.pose[:3, 3]
                 distances = np.linalg.norm(points - bodies[shape.body].inertia.com, axis=1)
-                max_distances[shape.body] = max(max_distances.get(shape.body, 0.0), float(distances.max()))
+                distance_so_far = max_distances.get(shape.body, 0.0)
+                max_distances[shape.body] = max(distance_so_far, float(distances.max()))
         doubtful_links: list[str] = []
         for k, length in lengths.items():
             max_length = 2.0 * math.sqrt(5.0) * max_distances.get(k, 0.0)  # twice the largest semi-axis
@@ -371,12 +374,12 @@ class Scene:
         -------
         scene : Scene
         """
-        total = sum(len(shape.surface.faces) for shape in self.shapes if shape.layer == "looks")
-        if total <= most:
+        total_triangles = sum(len(shape.surface.faces) for shape in self.shapes if shape.layer == "looks")
+        if total_triangles <= most:
             return self
         decimated_by_id: dict[int, Surface] = {}  # shapes that share a surface share its decimation
         for shape in self.shapes:
-            triangle_count = max(_MIN_TRIANGLES, math.floor(most * len(shape.surface.faces) / total))
+            triangle_count = max(_MIN_TRIANGLES, math.floor(most * len(shape.surface.faces) / total_triangles))
             decimated_by_id.setdefault(id(shape.surface), shape.surface.decimated(triangle_count))
         shapes = [replace(shape, surface=decimated_by_id[id(shape.surface)]) for shape in self.shapes]
         return replace(self, shapes=tuple(shapes))
@@ -441,4 +444,4 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
         warnings.warn(f"robot {robot.name!r}: {'. '.join(remarks)}.", ModelWarning, stacklevel=2)
     scene = Scene(robot, tuple(shapes), tuple(remarks), robot_skeleton.size, bool(bodies_with_visuals))
     diagonal = float(np.linalg.norm(np.ptp(scene.bounds(model.neutral), axis=0)))
-    return replace(scene, size=diagonal or 1.0)
+    return replace(scene, size=diagonal or 1.0)  # 1 m for a single point

@@ -22,6 +22,8 @@ from ...core import child_process, object_cache
 from ...core.errors import ValueRangeError
 
 _WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+_WRITE_MODES = set("wxa+")
+"""Letters of the mode of an opened file that may be written."""
 _PATHS_OF_CHANGES = {
     "os.chmod": 1, "os.chown": 1, "os.link": 2, "os.mkdir": 1, "os.remove": 1, "os.rename": 2, "os.rmdir": 1,
     "os.setxattr": 1, "os.symlink": 2, "os.truncate": 1, "os.utime": 1,
@@ -60,7 +62,10 @@ class Folder:
                 f"{flag} {short_name!r} is not a path in the folder of this server, {str(self.path)!r}."
             )
         path = self.path / name  # an absolute name replaces the folder
-        if ".." in path.parts or not all(map(self._contains, (path, *self._matching_files(name)))):
+        is_inside = ".." not in path.parts
+        if is_inside:
+            is_inside = all(self._contains(file) for file in (path, *self._matching_files(name)))
+        if not is_inside:
             raise ValueRangeError(
                 f"{flag} {short_name!r} lies outside the folder of this server, {str(self.path)!r}. Copy the file into it."
             )
@@ -116,7 +121,7 @@ class _Guard:
         """Check one event of the interpreter."""
         if event == "open":
             path, mode, flags = args
-            writes_by_mode = mode is not None and not set("wxa+").isdisjoint(mode)
+            writes_by_mode = mode is not None and not _WRITE_MODES.isdisjoint(mode)
             writes_by_flags = flags is not None and bool(flags & _WRITE_FLAGS)
             writes = writes_by_mode or writes_by_flags
             self._check(path, self.writable_folders if writes else self.readable_folders)
@@ -127,22 +132,26 @@ class _Guard:
             path_count = _PATHS_OF_CHANGES[event]
             for path in args[:path_count]:
                 self._check(path, self.writable_folders)
-        elif event in _REFUSED_EVENTS or (event == "subprocess.Popen" and args[0] != sys.executable):
-            raise PermissionError(errno.EACCES, "this server opens no connections and starts no programs")
+        else:
+            starts_program = event == "subprocess.Popen" and args[0] != sys.executable  # readers are Python processes
+            if event in _REFUSED_EVENTS or starts_program:
+                raise PermissionError(errno.EACCES, "this server opens no connections and starts no programs")
 
     def _check(self, path: Any, folders: Sequence[Path]) -> None:
         """Raise PermissionError unless the path lies in one of the folders."""
         if path is None or isinstance(path, int):  # the working folder, and files that are open
             return
         resolved = Path(os.fsdecode(path)).resolve()
-        if str(resolved) != os.devnull and not any(resolved.is_relative_to(folder) for folder in folders):
+        is_allowed = str(resolved) == os.devnull or any(resolved.is_relative_to(folder) for folder in folders)
+        if not is_allowed:
             raise PermissionError(errno.EACCES, "it lies outside the folder of this server", os.fsdecode(path))
 
 
 def _installation(working_folder: str) -> list[str]:
     """Folders of Python, of this package and of packages it uses. The working folder, which sys.path may have, is left out."""
     python = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
-    packages = [str(Path(__file__).parents[2]), *site.getsitepackages(), site.getusersitepackages(), *sys.path]
+    this_package = str(Path(__file__).parents[2])
+    packages = [this_package, *site.getsitepackages(), site.getusersitepackages(), *sys.path]
     return [folder for folder in (*python, *packages) if folder not in ("", os.sep, working_folder)]
 
 

@@ -33,7 +33,7 @@ _TOOLS = {
     "convert": "robot out strict overwrite",
 }
 """Names of the properties of each tool, by command: its arguments, then its most used options."""
-_MORE = "more"
+_MORE_PROPERTY = "more"
 """Property of all tools for all other options, as in the shell."""
 _MAX_QUOTE_LENGTH = 80
 """Largest number of characters of a value in a message."""
@@ -86,7 +86,7 @@ class Tool:
             properties[name] = _schema(parameter)
             if isinstance(parameter, click.Argument):
                 required.append(name)
-        properties[_MORE] = {"type": "string"}
+        properties[_MORE_PROPERTY] = {"type": "string"}
         schema = {"type": "object", "properties": properties, "required": required}
         return {"name": self.name, "description": _first_sentence(self.command.help or ""), "inputSchema": schema}
 
@@ -98,10 +98,10 @@ class Tool:
         option_words: list[str] = []
         positional_words: list[str] = []
         for name, value in arguments.items():
-            if name == _MORE:
+            if name == _MORE_PROPERTY:
                 continue
             if name not in self.parameters:
-                raise UnknownNameError.from_choices("argument", name, [*self.parameters, _MORE])
+                raise UnknownNameError.from_choices("argument", name, [*self.parameters, _MORE_PROPERTY])
             parameter = self.parameters[name]
             if isinstance(parameter, click.Option):
                 option_words += _option_words(parameter, name, value)
@@ -109,7 +109,7 @@ class Tool:
             if isinstance(parameter, click.Argument) and name in arguments:
                 takes_several = parameter.nargs == -1
                 positional_words += _texts(name, arguments[name], several=takes_several)
-        more_words = _more_option_words(arguments.get(_MORE, ""))
+        more_words = _more_option_words(arguments.get(_MORE_PROPERTY, ""))
         return [*option_words, *more_words, "--", *positional_words]
 
 
@@ -232,6 +232,7 @@ _MAX_CLAUSE_LENGTH = 48
 def _first_sentence(text: str) -> str:
     """First sentence, or its first clause, in one line without a full stop."""
     line = " ".join(text.split())
+    # Ends of the clause: ; or : or a full stop before a blank, and the default that click appends.
     first_part, *_ = re.split(r"[;:]\s|\.\s|  ?\[default", line)
     return first_part.rstrip(".")
 
@@ -266,10 +267,11 @@ def _texts(name: str, value: Any, *, several: bool) -> list[str]:
         return [value]
     if isinstance(value, int | float) and not isinstance(value, bool):
         return [repr(value)]
-    if isinstance(value, list) and value and all(isinstance(item, int | float) for item in value):
-        return [",".join(map(repr, value))]
-    if isinstance(value, list) and all(isinstance(item, str) for item in value):
-        return value if several else [",".join(value)]
+    if isinstance(value, list):
+        if value and all(isinstance(item, int | float) for item in value):
+            return [",".join(map(repr, value))]
+        if all(isinstance(item, str) for item in value):
+            return value if several else [",".join(value)]
     raise ValueRangeError(
         f"{name} is {str(value)[:_MAX_QUOTE_LENGTH]!r}. Give a text, a number, or a list of one of them."
     )
@@ -279,15 +281,17 @@ def _more_option_words(text: Any) -> list[str]:
     """Words of the options in the property ``more``."""
     if not isinstance(text, str):
         raise ValueRangeError(
-            f"{_MORE} is {str(text)[:_MAX_QUOTE_LENGTH]!r}. Give options as in the shell, for example '--tip tool0'."
+            f"{_MORE_PROPERTY} is {str(text)[:_MAX_QUOTE_LENGTH]!r}. Give options as in the shell, for example '--tip tool0'."
         )
     try:
         words = shlex.split(text)
     except ValueError as problem:
-        raise ValueRangeError(f"{_MORE} {text[:_MAX_QUOTE_LENGTH]!r}: {problem}. Close the quotation.") from None
+        raise ValueRangeError(
+            f"{_MORE_PROPERTY} {text[:_MAX_QUOTE_LENGTH]!r}: {problem}. Close the quotation."
+        ) from None
     if "--" in words:
         raise ValueRangeError(
-            f"{_MORE} {text[:_MAX_QUOTE_LENGTH]!r} has '--', after which no options follow. Leave it out."
+            f"{_MORE_PROPERTY} {text[:_MAX_QUOTE_LENGTH]!r} has '--', after which no options follow. Leave it out."
         )
     return words
 

@@ -78,8 +78,8 @@ def arctan2(y: Expr, x: Expr) -> Expr:
     angle = angle + is_steep * (0.5 * math.pi - 2.0 * angle)  # pi / 2 - angle if steep
     angle = angle + is_left * (math.pi - 2.0 * angle)  # pi - angle if on the left
     sign_y = y.sign()
-    upward = sign_y + (1.0 - sign_y * sign_y)  # 1 for y = 0 too
-    return _record_function("arctan2", upward * (longer.sign() * angle), math.pi, y, x)
+    sign_of_angle = sign_y + (1.0 - sign_y * sign_y)  # 1 for y = 0 too
+    return _record_function("arctan2", sign_of_angle * (longer.sign() * angle), math.pi, y, x)
 
 
 def _odd_series(square: Any, sign: float) -> Any:

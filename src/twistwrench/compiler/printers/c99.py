@@ -76,11 +76,12 @@ class CFunction:
     def parameters(self) -> tuple[str, ...]:
         """Unique names of the arrays, inputs first."""
         names: list[str] = []
-        for ports, suffix in ((self.program.inputs, "_2"), (self.program.outputs, "_out")):
+        for ports, suffix_of_repeated in ((self.program.inputs, "_2"), (self.program.outputs, "_out")):
             for port in ports:
-                name = identifier(port.name.replace("wrench at", "wrench"))
-                while name in names:  # the suffix makes it unique
-                    name += suffix
+                short_name = port.name.replace("wrench at", "wrench")
+                name = identifier(short_name)
+                while name in names:
+                    name += suffix_of_repeated
                 names.append(name)
         return tuple(names)
 
@@ -142,12 +143,12 @@ class _Body:
             self.output_elements.setdefault(number, []).append(element)
         self._define_constants()
         self._read_inputs(names)
-        numbers_by_angle = self._sines_and_cosines()
+        partners_by_number = self._sines_and_cosines()
         for number, instruction in enumerate(self.program.instructions):
             if instruction.op in ("const", "input"):
                 self._write_stores(number)
             elif number not in self.operands:
-                self._write_with_partner(number, numbers_by_angle.get(number, ()))
+                self._write_with_partner(number, partners_by_number.get(number, ()))
 
     def _define_constants(self) -> None:
         """Let constants be literals where they are used."""
@@ -178,20 +179,20 @@ class _Body:
             self.lines.append(f"    const {self.type} {variable} = {name}[{k}];")
 
     def _sines_and_cosines(self) -> dict[int, tuple[int, ...]]:
-        """Instructions of sine and cosine of one angle, by number of each of them. Compilers compute neighbours together."""
+        """For each sine and cosine, the numbers of all of its angle, itself included. Compilers compute neighbours together."""
         numbers_by_angle: dict[int, list[int]] = {}
         for number, (op, args, _) in enumerate(self.program.instructions):
             if op in ("sin", "cos"):
                 numbers_by_angle.setdefault(args[0], []).append(number)
-        partners: dict[int, tuple[int, ...]] = {}
+        partners_by_number: dict[int, tuple[int, ...]] = {}
         for numbers in numbers_by_angle.values():
-            partners |= dict.fromkeys(numbers, tuple(numbers))
-        return partners
+            partners_by_number |= dict.fromkeys(numbers, tuple(numbers))
+        return partners_by_number
 
     def _write_with_partner(self, number: int, partners: tuple[int, ...]) -> None:
         """Write an operation; with a sine or cosine also the other one of its angle, if the program has both."""
         instructions = self.program.instructions
-        if self.sincos and len(partners) == 2:
+        if self.sincos and len(partners) == 2:  # a sine and a cosine
             (angle,) = instructions[number].args
             cosine, sine = sorted(partners, key=lambda partner: instructions[partner].op)  # "cos" before "sin"
             self.lines += [

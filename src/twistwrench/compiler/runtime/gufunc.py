@@ -152,7 +152,8 @@ class _Owner:
         stub_address = ctypes.cast(self.lazy_stub, ctypes.c_void_p).value
         self.functions = (ctypes.c_void_p * _TYPE_COUNT)(stub_address, double_code.address)
         self.data = (ctypes.c_void_p * _TYPE_COUNT)()
-        float32_number, float64_number = np.dtype(np.float32).num, np.dtype(np.float64).num
+        float32_number = np.dtype(np.float32).num
+        float64_number = np.dtype(np.float64).num
         type_numbers = [float32_number] * operand_count + [float64_number] * operand_count
         self.types = (ctypes.c_byte * len(type_numbers))(*type_numbers)
         self.name = ctypes.create_string_buffer(name.encode())
@@ -191,8 +192,8 @@ class _Owner:
         return cost_model(self.given)
 
     @cached_property
-    def row(self) -> int:
-        """Size of a row of results, all results of one sample, as float64 [bytes]."""
+    def result_size(self) -> int:
+        """Size of all results of one sample, as float64 [bytes]."""
         return DOUBLE.bytes * sum(port.size for port in self.given.outputs)
 
     def _first_float32_call(self, args: int, dims: int, steps: int, data: int) -> _Returned | None:
@@ -234,18 +235,20 @@ class _Owner:
             own_strides = [batch_strides[k], *core_strides[: len(axes)]]
             core_strides = core_strides[len(axes) :]  # of the operands after this one
             if k >= len(self.given.inputs):  # an output
-                start = ctypes.c_void_p.from_address(args + k * ctypes.sizeof(ctypes.c_void_p)).value
+                pointer_address = args + k * ctypes.sizeof(ctypes.c_void_p)
+                start = ctypes.c_void_p.from_address(pointer_address).value or 0  # None is a null pointer
                 shape = [sizes[0], *(sizes[axis] for axis in axes)]
                 for index in np.ndindex(*shape):
                     offset = int(np.dot(index, own_strides))
-                    ctypes.c_float.from_address((start or 0) + offset).value = float("nan")
+                    ctypes.c_float.from_address(start + offset).value = float("nan")
 
     def address(self, precision: Precision) -> int:
         """Address of the loop for batches; the loop is compiled at the first call."""
         with LOCK:
             code = self.code.get(precision.char)
             if code is None:
-                code = self.code[precision.char] = self._code_of(precision, self.machine)
+                code = self._code_of(precision, self.machine)
+                self.code[precision.char] = code
                 self.functions[0] = code.address  # in place of the stub: the float64 loop was compiled at once
         return code.address
 
@@ -284,9 +287,9 @@ def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool
     such a ufunc must be called with ``out=``. A ``scalar`` ufunc is for one sample at a time, in one lane.
     """
     owner = _Owner(program, name, doc, scalar=scalar)
-    pointers = [ctypes.c_void_p] * 3
-    integers = [ctypes.c_int] * 4
-    texts = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p]
+    pointers = [ctypes.c_void_p] * 3  # functions, data, types
+    integers = [ctypes.c_int] * 4  # numbers of types, inputs and outputs; identity
+    texts = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p]  # name, doc, unused, signature
     constructor_type = ctypes.PYFUNCTYPE(ctypes.py_object, *pointers, *integers, *texts)
     constructor = constructor_type(numpy_function("_UFUNC_API", _FROM_FUNC_AND_DATA_AND_SIGNATURE))
     unused = 0
@@ -296,7 +299,8 @@ def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool
         ctypes.addressof(owner.name), ctypes.addressof(owner.doc), unused, program.signature.encode(),
     )  # fmt: skip
     head = _UFuncObject.from_address(id(ufunc))
-    if not _abi_matches() or head.functions != ctypes.addressof(owner.functions) or head.owner is not None:
+    has_known_layout = _abi_matches() and head.functions == ctypes.addressof(owner.functions) and head.owner is None
+    if not has_known_layout:
         _FOREVER.append(owner)  # unknown layout: the code is kept forever, since freeing it too early would crash
     else:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
@@ -391,7 +395,8 @@ def _abi_matches() -> bool:
     """True if ufuncs lie in memory as :class:`_UFuncObject` describes, judged by NumPy's addition."""
     head = _UFuncObject.from_address(id(np.add))
     counts = (head.nin, head.nout, head.nargs, head.ntypes)
-    return head.type == id(np.ufunc) and counts == (2, 1, 3, np.add.ntypes) and head.owner is None
+    counts_of_addition = (2, 1, 3, np.add.ntypes)
+    return head.type == id(np.ufunc) and counts == counts_of_addition and head.owner is None
 
 
 @cache

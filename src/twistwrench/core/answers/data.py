@@ -108,7 +108,7 @@ def report_data(blocks: Sequence[Block]) -> dict[str, Any]:
     notes: list[str] = []
     for block in blocks:
         if isinstance(block, Headline) and verdict is None:
-            verdict = str(block.word)
+            verdict = str(block.word)  # and its text is among the sentences
         if isinstance(block, Table):
             tables.append(table_data(block))
         elif isinstance(block, Remark):

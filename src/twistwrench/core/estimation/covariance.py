@@ -64,7 +64,8 @@ def channel_covariance(Q: Array, half: Array, freedom: Array, groups: Array) -> 
     ν_k = (Σ_c s_kc)² / Σ_c s_kc² / ν_c, with s_kc the part of unknown k's variance due to channel c. Channels of a group have
     one variance and count as one. ``half`` (k, p) maps whitened unknowns to unknowns: it is a square root of the covariance.
     """
-    variance_by_channel = np.stack([((Q[:, c] @ half.T) ** 2).sum(axis=0) for c in range(6)], axis=1)
+    channel_variances = [((Q[:, c] @ half.T) ** 2).sum(axis=0) for c in range(6)]  # moments, then forces
+    variance_by_channel = np.stack(channel_variances, axis=1)
     group_variances: list[Array] = []
     group_freedom: list[float] = []
     for group in np.unique(groups):
@@ -121,7 +122,7 @@ def sum_freedom(variances: Array, freedom: Array) -> Array:
     nu = satterthwaite[both_estimated]
     for _ in range(_MATCHING_STEPS):
         quantile = special.stdtrit(nu, 0.5 * _FALSE_ALARM_RATE)
-        tail = special.ndtr(quantile[:, None, None] / relative_deviation) @ weights @ weights
+        tail = special.ndtr(quantile[:, None, None] / relative_deviation) @ weights @ weights  # over both χ²
         nu = np.minimum(special.stdtridf(tail, quantile), satterthwaite[both_estimated])
     satterthwaite[both_estimated] = nu
     return satterthwaite
@@ -215,6 +216,8 @@ _MAX_VELOCITIES = 2
 """Number of joints whose direction of motion distinguishes cells."""
 _COMPARED_PARTS = 8
 """Number of parts of each coordinate whose residuals are compared, to find the coordinates that affect them."""
+_PRIOR_OF_SETTINGS = 1e3
+"""Prior standard deviation of a setting's effect, over the largest residual size: so wide that it has no effect."""
 _UNKNOWN_FREEDOM = 1e9
 """Degrees of freedom that stand for infinitely many."""
 
@@ -242,7 +245,8 @@ class StateCells:
         """
         effects = []
         for coordinate in (*q.T, *dq.T):
-            part_numbers = np.searchsorted(_edges(coordinate, _COMPARED_PARTS), coordinate)  # of each row
+            edges = _edges(coordinate, _COMPARED_PARTS)
+            part_numbers = np.searchsorted(edges, coordinate)  # of each row
             row_counts = np.bincount(part_numbers, minlength=_COMPARED_PARTS)
             sums = np.stack([np.bincount(part_numbers, column, _COMPARED_PARTS) for column in residuals.T])
             effects.append(float((sums**2 / np.maximum(row_counts, 1)).sum()))
@@ -387,8 +391,8 @@ def group_covariance(
     rms_changes = np.sqrt((chosen**2).mean(axis=(0, 1)))
     has_effect = rms_changes > 0
     settings = chosen[..., has_effect] / rms_changes[has_effect]
-    # Settings are unknowns as well; their prior is so wide that it has no effect.
-    setting_sizes = np.full(settings.shape[2], sigma.max() * 1e3)
+    # Settings are unknowns as well.
+    setting_sizes = np.full(settings.shape[2], sigma.max() * _PRIOR_OF_SETTINGS)
     sizes = np.concatenate([prior.size, setting_sizes])
 
     def whitened_columns(rows: Array | slice) -> Array:
@@ -402,7 +406,8 @@ def group_covariance(
     cells = StateCells.from_residuals(q, dq, whitened_residuals)
     covariance = _covariance(whitened_columns, whitened_residuals, sizes, time, log, cells.numbers(q, dq))
     groups = covariance.of_first(group_count)  # without the settings
-    return replace(groups, matrix=groups.matrix * _huber_factor(residuals, weights) ** 2)
+    huber_factor = _huber_factor(residuals, weights)
+    return replace(groups, matrix=groups.matrix * huber_factor**2)
 
 
 def _huber_factor(residuals: Array, weights: Array) -> float:
@@ -426,7 +431,8 @@ def larger_covariance(first: tuple[Array, Array], second: tuple[Array, Array] | 
     D, other_freedom = second
     ratio = D.diagonal() / np.maximum(C.diagonal(), _MIN_DIVISOR)
     factor = np.sqrt(np.maximum(ratio, 1.0))
-    return C * factor[:, None] * factor, np.where(ratio > 1.0, other_freedom, freedom)
+    larger_freedom = np.where(ratio > 1.0, other_freedom, freedom)  # of the estimate with the larger variance
+    return C * factor[:, None] * factor, larger_freedom
 
 
 def _covariance(

@@ -87,7 +87,7 @@ def first_calls() -> tuple[FirstCall, ...]:
 def _first_call(origin: str, entry: Mapping[str, str]) -> FirstCall:
     """Row of the table from its entry in the file."""
     call = _ROBOT_CALL.fullmatch(entry["use"])
-    called_quantity = (call[1] or call[2]) if call else ""
+    called_quantity = (call[1] or call[2]) if call else ""  # of a kernel or of a method
     return FirstCall(
         words=tuple(entry.get("word", "").split()),
         of=origin,
@@ -118,7 +118,8 @@ def rows_of(word: str, place: str) -> tuple[FirstCall, ...]:
     ['robot.inverse_dynamics(q, dq, ddq)']
     """
     rows = _rows_by_key()
-    return rows.get((place, word)) or rows.get((place, word.casefold()), ())
+    rows_as_written = rows.get((place, word), ())
+    return rows_as_written or rows.get((place, word.casefold()), ())
 
 
 def similar_names(name: str, known: Iterable[str], cutoff: float = CUTOFF) -> str:
@@ -149,8 +150,9 @@ def missing_attribute(subject: str, name: str, place: str, known: Iterable[str])
     text = f"{subject} has no attribute {name!r}"
     rows = rows_of(name, place)
     if rows:
-        origin = "" if rows[0].of == GUESS else f" ({rows[0].of})"
-        text += f"{origin}: use {rows[0].advice}"
+        first_row = rows[0]
+        origin = "" if first_row.of == GUESS else f" ({first_row.of})"
+        text += f"{origin}: use {first_row.advice}"
     else:
         similar = similar_names(name, known)
         if similar:

@@ -48,6 +48,12 @@ _MIN_DIVISOR = 1e-300
 _PARAMETERS_PER_BODY = 10
 _VALUE_STEP = 1e-3
 """Step of finite differences of most causes, in the unit of their value."""
+_DEFLECTION_STEP = 1e-4
+"""Step of finite differences of a deflection [rad, m]."""
+_TIME_FACTORS = (2.0, 0.5, 10.0, 0.1)
+"""Factors between the times of a log and the true ones that are tried."""
+_MIN_LAG = 1e-6
+"""Smallest time constant of a low-pass [s]."""
 _MAX_LOG_FACTOR = 8.0
 """Largest logarithm of a factor that is tried."""
 
@@ -130,7 +136,7 @@ def tilt(s: LogStates, beta: Array) -> LogStates:
 def _horizontal_axes(gravity: Array) -> Array:
     """Two axes perpendicular to gravity, (2, 3)."""
     _, _, axes = np.linalg.svd(gravity[None])
-    return np.asarray(axes[1:])
+    return np.asarray(axes[1:])  # the first is along gravity
 
 
 def time_scale(s: LogStates, factor: float) -> LogStates:
@@ -156,16 +162,16 @@ def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> It
     """
     if largest is None:
         largest = np.abs(torque).max(axis=0)
-    share = torque / np.maximum(largest, _MIN_DIVISOR)
-    rate = s.slope(share)
+    torque_share = torque / np.maximum(largest, _MIN_DIVISOR)
+    rate = s.slope(torque_share)
     acceleration = s.slope(rate)
     joint_count = torque.shape[1]
     for joints in _joint_sets(joint_count):
         is_deflected = np.isin(np.arange(joint_count), joints)
         correct = partial(
-            behind, lag=share * is_deflected, rate=rate * is_deflected, acceleration=acceleration * is_deflected
+            behind, lag=torque_share * is_deflected, rate=rate * is_deflected, acceleration=acceleration * is_deflected
         )
-        yield Cause("elasticity", joints, lambda s, beta, correct=correct: correct(s, beta), 1e-4)
+        yield Cause("elasticity", joints, lambda s, beta, correct=correct: correct(s, beta), step=_DEFLECTION_STEP)
 
 
 def _joint_sets(count: int) -> list[tuple[int, ...]]:
@@ -344,7 +350,7 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
             yield Cause("no-gravity", (k,), partial(LogStates.with_fields, weightless=(*s.weightless, k)))
         if turning[k]:
             yield Cause("degrees", (k,), partial(positions_times, k=k, factor=np.pi / 180))
-            for zero_error in (0.5 * np.pi, -0.5 * np.pi, np.pi):
+            for zero_error in (0.5 * np.pi, -0.5 * np.pi, np.pi):  # quarters of a turn
                 degrees = float(np.degrees(zero_error))
                 yield Cause("zero-turn", (k,), partial(zero, k=k, beta=zero_error), number=degrees)
         # Drives of wrists couple neighbouring joints. Other pairs are not tested, as each test makes others less significant.
@@ -356,7 +362,7 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
             yield from _exchanges(s, j, k)
     if s.gravity.any():
         yield from _mountings(s)
-    for factor in (2.0, 0.5, 10.0, 0.1):
+    for factor in _TIME_FACTORS:
         yield Cause("time-scale", (), partial(time_scale, factor=factor), number=factor)
 
 
@@ -372,7 +378,7 @@ def _exchanges(s: LogStates, j: int, k: int) -> Iterator[Cause]:
 def _mountings(s: LogStates) -> Iterator[Cause]:
     """Mountings on four walls and on the ceiling, and a robot without gravity."""
     strength = float(np.linalg.norm(s.gravity))
-    down = s.gravity / np.linalg.norm(s.gravity)
+    down = s.gravity / strength
     horizontal_axes = _horizontal_axes(down)
     no_direction = 0.0 * down
     for direction in (*horizontal_axes, *-horizontal_axes, -down, no_direction):
@@ -399,7 +405,7 @@ def continuous_causes(s: LogStates, *, wide: bool) -> Iterator[Cause]:
 
 def _with_lag(s: LogStates, beta: Array) -> LogStates:
     """Low-pass the predicted torques with a time constant of β seconds, above zero."""
-    return s.with_fields(lag=max(float(beta[0]), 1e-6))
+    return s.with_fields(lag=max(float(beta[0]), _MIN_LAG))
 
 
 def _factor(beta: Array) -> float:
@@ -479,11 +485,12 @@ def _load(s: LogStates, _fitted: FittedTorques) -> Array:
     model = s.base.unknown.model
     frame = model.frames[str(model.tip)]
     first_column = _PARAMETERS_PER_BODY * frame.body
+    own_columns = slice(first_column, first_column + _PARAMETERS_PER_BODY)
     body_columns: list[Array] = []
     for begin in range(0, len(s.time), PORTION):  # in portions, to limit memory
         span = slice(begin, begin + PORTION)
         Y = s.base.unknown.regressor(s.q[span], s.dq[span], s.ddq[span], s.gravity)
-        body_columns.append(Y[:, :, first_column : first_column + _PARAMETERS_PER_BODY])
+        body_columns.append(Y[:, :, own_columns])
     load_columns = np.concatenate(body_columns) @ _unit_loads(frame.pose)
     norms = np.maximum(np.linalg.norm(load_columns, axis=(0, 1)), _MIN_DIVISOR)
     unit_columns = (load_columns / norms).reshape(-1, 4)

@@ -109,28 +109,28 @@ class LogStates:
                     jumps.append((joint, piece_index, jump_time))
             unfiltered.append(positions)
         nv = base.unknown.model.nv
-        counts = [len(states.time) for states in states_by_piece]
+        state_counts = [len(states.time) for states in states_by_piece]
 
         def values(name: str) -> Array:
             """Values of a field of all pieces."""
             return np.concatenate([getattr(states, name) for states in states_by_piece])
 
         return cls(
-            base,
-            cutoff,
-            pieces,
-            np.concatenate(rows),
-            values("time"),
-            np.repeat(np.arange(len(states_by_piece)), counts),
-            np.repeat([states.rate for states in states_by_piece], counts),
-            values("q"),
-            values("dq"),
-            values("ddq"),
-            values("tau"),
-            friction_speed,
-            np.asarray(base.unknown.model.gravity, float),
-            np.ones(nv),
-            [piece.log for piece in samples],
+            base=base,
+            cutoff=cutoff,
+            pieces=pieces,
+            rows=np.concatenate(rows),
+            time=values("time"),
+            piece=np.repeat(np.arange(len(states_by_piece)), state_counts),
+            rate=np.repeat([states.rate for states in states_by_piece], state_counts),
+            q=values("q"),
+            dq=values("dq"),
+            ddq=values("ddq"),
+            tau=values("tau"),
+            friction_speed=friction_speed,
+            gravity=np.asarray(base.unknown.model.gravity, float),
+            gain=np.ones(nv),
+            logs=[piece.log for piece in samples],
             unfiltered=np.concatenate(unfiltered),
             jumps=jumps,
         )
@@ -285,7 +285,8 @@ class LogStates:
             fields = {name: getattr(self, name)[span] for name in ("time", "piece", "rate", "q", "dq", "ddq", "tau")}
             portion = self.with_fields(**fields, rows=np.arange(span.stop - begin), pieces=(), lag=0.0)
             body_torques, drive_torques = portion._parts(x)
-            portions.append(self.gain * np.stack([body_torques + drive_torques, body_torques]))
+            total_and_body_torques = np.stack([body_torques + drive_torques, body_torques])
+            portions.append(self.gain * total_and_body_torques)
         total_torques, all_body_torques = np.concatenate(portions, axis=1)
         return total_torques, all_body_torques
 

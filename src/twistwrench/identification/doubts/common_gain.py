@@ -15,10 +15,17 @@ _MIN_GAIN = 0.25
 _MAX_GAIN = 4.0
 """Common gain of all torques, relative to the file's bodies, above which it is a fault."""
 _UNITS = {
-    1e3: "N mm", 1e-3: "kN m", 10.197: "kgf cm", 0.10197: "kgf m", STRENGTH: "N m if the file's masses are weights",
-    4.4482: "N if they were in lbf", 0.73756: "lbf ft", 8.8507: "lbf in", 1.35582: "N m if they were in lbf ft",
+    1e3: "N mm",
+    1e-3: "kN m",
+    10.197: "kgf cm",
+    0.10197: "kgf m",
+    STRENGTH: "N m if the file's masses are weights",
+    4.4482: "N if they were in lbf",
+    0.73756: "lbf ft",
+    8.8507: "lbf in",
+    1.35582: "N m if they were in lbf ft",
     0.112985: "N m if they were in lbf in",
-}  # fmt: skip
+}
 """Other units of torques, by the number of such units in 1 N m."""
 _MAX_UNIT_DEVIATION = 0.02
 """Largest relative deviation of a gain from that of a unit."""
@@ -31,14 +38,15 @@ _MAX_RATIO_TO_DRIVES = 0.75
 def gain_of_all(fit: FittedLog) -> list[Doubt]:
     """Sign or unit of all torques together, from a fit of the file's bodies with free drives."""
     base = fit.base
-    torques_of_file = fit.W @ base.project(base.unknown.file_values)
-    torques_of_file = torques_of_file - fit.W[:, :, base.held] @ fit.x[base.held]
-    sigma = np.maximum(np.sqrt((fit.tau**2).mean(axis=0)), 1e-300)
+    held_torques = fit.W[:, :, base.held] @ fit.x[base.held]
+    torques_of_file = fit.W @ base.project(base.unknown.file_values) - held_torques
+    rms = np.sqrt((fit.tau**2).mean(axis=0))
+    sigma = np.maximum(rms, 1e-300)  # 1e-300: a column may be zero
     drives = fit.W[:, :, base.drives]
     file_and_drives = np.concatenate([torques_of_file[..., None], drives], axis=2)
     coefficients, square_sum = _least_squares(fit, file_and_drives, sigma)
     _, square_sum_of_drives = _least_squares(fit, drives, sigma)
-    gain = float(coefficients[0])
+    gain, *_ = coefficients.tolist()  # the gains of the drives follow
     if square_sum > _MAX_RATIO_TO_DRIVES * square_sum_of_drives:
         return []
     if _MIN_GAIN <= gain <= _MAX_GAIN:

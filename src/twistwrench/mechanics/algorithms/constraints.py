@@ -127,17 +127,17 @@ def _joint_path(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Bo
     a = place_of(model, closure.frame_a)
     b = place_of(model, closure.frame_b)
     poses_in_parents = joint_poses(model, q)
-    up = list(ancestors(model, a.body))
-    down = list(ancestors(model, b.body))
-    while up and down and up[-1] == down[-1]:  # common ancestors move both frames alike
-        up.pop()
-        down.pop()
+    ancestors_of_a = list(ancestors(model, a.body))  # from the body to the base
+    ancestors_of_b = list(ancestors(model, b.body))
+    while ancestors_of_a and ancestors_of_b and ancestors_of_a[-1] == ancestors_of_b[-1]:
+        ancestors_of_a.pop()  # common ancestors move both frames alike
+        ancestors_of_b.pop()
     path: list[tuple[Body, Array, float]] = []
     T = se3.inverse(a.pose @ closure.T_ac)  # pose in {c} of the body that the path has reached
-    for i in up:
+    for i in ancestors_of_a:
         path.append((model.bodies[i], T, -1.0))
         T = T @ se3.inverse(poses_in_parents[i])
-    for i in reversed(down):
+    for i in reversed(ancestors_of_b):
         T = T @ poses_in_parents[i]
         path.append((model.bodies[i], T, 1.0))
     return path, np.asarray(T @ b.pose)
@@ -174,7 +174,9 @@ def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array
         dV = dV + ad(V) @ V_joint  # V may include V_joint or not, since [V_joint, V_joint] = 0
         V = V + V_joint
     dp = _twist_at_point(p, V)[3:]
-    return np.concatenate([dV[:3], _twist_at_point(p, dV)[3:] + so3.cross(V[:3], dp)])
+    dV_at_point = _twist_at_point(p, dV)
+    ddp = dV_at_point[3:] + so3.cross(V[:3], dp)
+    return np.concatenate([dV[:3], ddp])
 
 
 def _twist_at_point(p: Array, V: Array) -> Array:

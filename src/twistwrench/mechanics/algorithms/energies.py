@@ -25,7 +25,7 @@ from .recursion import (
 
 def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
     """Twist V_i of each body in its own frame; (6,) each. MR eq. 8.51."""
-    Adq = spread(model, dq)
+    Adq = spread(model, dq)  # A_i dq_i: twist of each body relative to its parent
     V: list[Array] = []
     for i, p in outward(model):
         if p == BASE:

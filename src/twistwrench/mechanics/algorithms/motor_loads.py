@@ -52,7 +52,7 @@ def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorL
     speed = G * dq
     direction = np.sign(G * moving(dq))  # 0 at rest
     torque = (gear_input(carried, dq, eta) + rotor) / G + no_load_torque * direction
-    current, voltage, heat = np.full((3, *torque.shape), np.nan)
+    current, voltage, heat = np.full((3, *torque.shape), np.nan)  # NaN stays for unspecified motors
     for k, actuator in enumerate(actuators):
         motor = actuator.motor
         if motor is not None:

@@ -56,20 +56,22 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
             return ["zero mass but nonzero inertia or first moment"]
         return []
     principal_moments, _ = G.principal()
-    A, B, C = principal_moments.tolist()  # ascending
+    smallest, middle, largest = principal_moments.tolist()
     # Moments about a distant origin leave a rounding error when moved to the centre of mass.
     moment_about_origin = abs(float(G.moment_about_origin.trace()))
     rounding_error = _MOMENT_ROUNDING * max(size, moment_about_origin)
-    tolerance = _MOMENT_TOLERANCE * abs(A + B + C) + rounding_error
+    tolerance = _MOMENT_TOLERANCE * abs(smallest + middle + largest) + rounding_error
+    smallest_text, middle_text, largest_text = (number(moment, 6) for moment in (smallest, middle, largest))
     problems = []
-    if -tolerance > A:
+    if smallest < -tolerance:
         problems.append(
-            f"negative principal moment {number(A, 6)} kg m² (moments {number(A, 6)}, {number(B, 6)}, {number(C, 6)})"
+            f"negative principal moment {smallest_text} kg m² (moments {smallest_text}, {middle_text}, {largest_text})"
         )
-    if A + B + tolerance < C:
+    excess = largest - smallest - middle
+    if smallest + middle + tolerance < largest:
         problems.append(
-            f"triangle inequality: the largest principal moment {number(C, 6)} kg m² exceeds the sum of the others, "
-            f"{number(A, 6)} + {number(B, 6)}, by {number(C - A - B, 3)}"
+            f"triangle inequality: the largest principal moment {largest_text} kg m² exceeds the sum of the others, "
+            f"{smallest_text} + {middle_text}, by {number(excess, 3)}"
         )
     return problems
 
@@ -219,9 +221,9 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     h = so3.vee(0.5 * (coupling_block - coupling_block.T))
     inertia = cls.from_parameters(ten_parameters(mass_block.trace() / 3, h, I))
     # Blocks have tolerances of their own: kg m² and kg differ by a factor of a million for a body of a millimetre.
-    moment = float(np.abs(moment_block).max())
-    mass = float(np.abs(mass_block).max())
-    roots = np.sqrt(np.repeat([moment, mass], 3))
+    largest_moment = float(np.abs(moment_block).max())
+    largest_mass = float(np.abs(mass_block).max())
+    roots = np.sqrt(np.repeat([largest_moment, largest_mass], 3))  # one for each row of the matrix
     entry_sizes = np.outer(roots, roots)  # of the coupling blocks: geometric mean of moment and mass
     deviation = np.abs(inertia.matrix - G)
     if not (deviation <= _MATRIX_TOLERANCE * entry_sizes).all():
@@ -229,10 +231,11 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
             "no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by "
             f"{printed(deviation.max(), 3)}. Is its linear part first? Then swap the blocks."
         )
-    if moment > _MAX_GYRATION_RADIUS**2 * mass > 0:
+    if largest_moment > _MAX_GYRATION_RADIUS**2 * largest_mass > 0:
+        gyration_radius = printed(np.sqrt(largest_moment / largest_mass), 3)
         raise InertiaError(
             f"read with the angular part first, this spatial inertia is of {printed(inertia.mass, 3)} kg spread over "
-            f"{printed(np.sqrt(moment / mass), 3)} m. Is its linear part first? Then swap the blocks. A body so large is "
+            f"{gyration_radius} m. Is its linear part first? Then swap the blocks. A body so large is "
             "described by from_com."
         )
     return inertia
@@ -331,21 +334,22 @@ def principal_axes(moments: Array, axes: Array) -> Array:
     ``moments`` (3,) ascend, and ``axes`` (3, 3) are their directions, in the columns. Moments that differ by at most
     their rounding error count as repeated.
     """
-    # The first and second moment, the second and third.
+    # Two flags: for the first and second moment, and for the second and third.
     is_repeated = np.diff(moments) <= _AXES_ROUNDING * abs(moments.sum())
     if is_repeated.all():
         return np.eye(3)
     axes = axes.copy()
     if is_repeated.any():
-        single = 2 if is_repeated[0] else 0  # column of the axis whose moment is not repeated
-        next_column, last_column = (single + 1) % 3, (single + 2) % 3
-        single_axis = axes[:, single]
+        single_column = 2 if is_repeated[0] else 0  # of the axis whose moment is not repeated
+        next_column = (single_column + 1) % 3
+        last_column = (single_column + 2) % 3
+        single_axis = axes[:, single_column]
         largest_component = single_axis[np.argmax(np.abs(single_axis))]
         single_axis *= np.copysign(1.0, largest_component)  # a view of the column: ``axes`` changes, too
         nearest_to_perpendicular = np.argmin(np.abs(single_axis))
-        e = np.eye(3)[nearest_to_perpendicular]  # coordinate axis
-        e = e - (e @ single_axis) * single_axis
-        axes[:, next_column] = e / np.linalg.norm(e)
+        coordinate_axis = np.eye(3)[nearest_to_perpendicular]
+        perpendicular = coordinate_axis - (coordinate_axis @ single_axis) * single_axis
+        axes[:, next_column] = perpendicular / np.linalg.norm(perpendicular)
         axes[:, last_column] = so3.cross(single_axis, axes[:, next_column])
     axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])  # a rotation, not a reflection
     return axes

@@ -206,6 +206,10 @@ def _ratio(error: float, size: float) -> float:
 
 _PROBES_PER_STEP = 3.0
 """Maximum step of DOP853 in intervals between probes: its stages are at most 0.27 of a step apart."""
+_MIN_TOLERANCE = 1e-13
+"""Smallest tolerance of an adaptive step: above rounding."""
+_MAX_TOLERANCE = 1e-2
+"""Largest tolerance of an adaptive step."""
 _MIN_MOMENT_RATIO = 1e-14
 """Smallest over largest principal moment of a rod or point, whose rotation about itself is not defined."""
 _EQUAL_MOMENTS = 1e-6
@@ -237,11 +241,11 @@ def fly(
     h = float(duration) / n
     if arguments.number(order, "order") not in COMPOSITIONS:
         raise ValueRangeError(f"order {order} is not available; choose one of {sorted(COMPOSITIONS)}.")
-    if tolerance is not None and not 1e-13 <= arguments.number(tolerance, "tolerance") <= 1e-2:
+    if tolerance is not None and not _MIN_TOLERANCE <= arguments.number(tolerance, "tolerance") <= _MAX_TOLERANCE:
         raise ValueRangeError(f"tolerance is {tolerance}, and must be between 1e-13 and 1e-2.")
     frame = common_frame(T0=T0, V0=V0, wrench=wrench)
-    pose = arguments.pose(arguments.finite(arguments.one(T0, "T0", 4, 4), "T0", 4, 4), "T0")
-    start = body.state(pose, six("V0", V0))
+    matrix = arguments.finite(arguments.one(T0, "T0", 4, 4), "T0", 4, 4)
+    start = body.state(arguments.pose(matrix, "T0"), six("V0", V0))
     recorded_steps = np.append(np.arange(0, n, every), n)
     composition = COMPOSITIONS[order]
     law: WrenchLaw | None = None
@@ -259,7 +263,7 @@ def fly(
         record = torque_free_motion(body, start, h, n, every, composition)
     else:
         record = motion_under_wrench(body, start, h, n, every, composition, law, missed)
-    q, p, l, f, impulse, work = record
+    q, p, l, f, impulse, work = record  # quaternions, positions, angular and linear momenta
     T, V = body.motion(q, p, l, f)
     P = inertia @ V
     energy = 0.5 * np.einsum("ij,ij->i", V, P)

@@ -95,7 +95,7 @@ def _is_inside(shell: Array, other: Array) -> bool | None:
     is_partly_inside = is_inside.any() != is_inside.all()
     if not is_inside.size or is_partly_inside:
         return None
-    return bool(is_inside[0])
+    return bool(is_inside.all())
 
 
 def winding(points: Array, triangles: Array) -> Array:
@@ -111,7 +111,9 @@ def winding(points: Array, triangles: Array) -> Array:
     for k in range(0, len(points), portion):
         a, b, c = np.moveaxis(triangles - points[k : k + portion, None, None], 2, 0)
         len_a, len_b, len_c = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
-        ab, bc, ca = (a * b).sum(axis=-1), (b * c).sum(axis=-1), (c * a).sum(axis=-1)
+        ab = (a * b).sum(axis=-1)
+        bc = (b * c).sum(axis=-1)
+        ca = (c * a).sum(axis=-1)
         numerator = (a * np.cross(b, c)).sum(axis=-1)
         denominator = len_a * len_b * len_c + ab * len_c + bc * len_a + ca * len_b
         rounding_error = _MIN_DISTANCE_RATIO * np.maximum(np.maximum(len_a, len_b), len_c) ** 3
@@ -170,7 +172,8 @@ def _edges_through_faces(p: Array, q: Array, faces: Array, min_volume: float) ->
     volume_p, volume_q = (((x - a) * normal).sum(axis=1) for x in (p, q))
     smaller_volume = np.minimum(np.abs(volume_p), np.abs(volume_q))
     crosses_plane = (volume_p * volume_q < 0) & (smaller_volume > min_volume)
-    side_volumes = [((q - p) * np.cross(x - p, y - p)).sum(axis=1) for x, y in ((a, b), (b, c), (c, a))]
+    sides = ((a, b), (b, c), (c, a))
+    side_volumes = [((q - p) * np.cross(x - p, y - p)).sum(axis=1) for x, y in sides]
     all_positive = np.min(side_volumes, axis=0) > min_volume
     all_negative = np.max(side_volumes, axis=0) < -min_volume
     return np.asarray(crosses_plane & (all_positive | all_negative))

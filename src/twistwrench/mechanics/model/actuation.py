@@ -17,7 +17,7 @@ from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Joint, RotorJoint
 from ..lie import se3
-from .actuators import LARGEST, Actuator, Rotor, check_actuator
+from .actuators import MAX_DRIVE_NUMBER, Actuator, Rotor, check_actuator
 from .limits import LAWS, Limits
 from .model import BASE, Body, Model, Spring
 
@@ -91,9 +91,10 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
         )
     full_law = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
     for name, value in full_law.items():
-        if not 0 <= value <= LARGEST:
+        if not 0 <= value <= MAX_DRIVE_NUMBER:
             raise ValueRangeError(
-                f"{name} friction of joint {joint!r} is {printed(value)}; it must be at least 0 and at most {printed(LARGEST)}."
+                f"{name} friction of joint {joint!r} is {printed(value)}; it must be at least 0 and at most "
+                f"{printed(MAX_DRIVE_NUMBER)}."
             )
     is_law = full_law["static"] >= coulomb and full_law["stribeck"] > 0 and full_law["load"] < 1
     if not is_law:

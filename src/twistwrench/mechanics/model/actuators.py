@@ -37,7 +37,8 @@ def gear_input(torque: ArrayLike, velocity: ArrayLike, efficiency: ArrayLike) ->
     >>> gear_input([10.0, -10.0, 10.0, 10.0], [1.0, 1.0, 0.0, -1e-13], 0.8).tolist()
     [12.5, -8.0, 12.5, 12.5]
     """
-    T, eta = np.asarray(torque), np.asarray(efficiency)
+    T = np.asarray(torque)
+    eta = np.asarray(efficiency)
     power = T * moving(velocity)
     return np.where(power < 0, T * eta, T / eta)
 
@@ -73,7 +74,7 @@ class Rating(NamedTuple):
     """Load that the number bounds, such as ``peak current``; empty if it bounds none."""
 
 
-RATINGS = {
+RATINGS = {  # kind, head, load
     "torque_constant": Rating("torque constant", "k_t"),
     "resistance": Rating("resistance", "R"),
     "inductance": Rating("inductance"),
@@ -242,7 +243,7 @@ class Actuator:
 
 # ── Validation of a drive's parameters
 
-LARGEST = 1e12
+MAX_DRIVE_NUMBER = 1e12
 """Largest number of a drive in SI units; its square does not overflow."""
 _MIN_DRIVE_NUMBER = 1e-18
 """Smallest number of a drive in SI units; its square does not underflow."""
@@ -254,29 +255,30 @@ _MAX_RATIO = 1e9
 
 def check_actuator(actuator: Actuator) -> None:
     """Raise ValueRangeError for a number that is impossible for a drive."""
-    for problem in _problems(actuator):
-        raise ValueRangeError(f"the actuator of joint {actuator.joint!r} has {problem}")
+    first_problem = next(_problems(actuator), "")
+    if first_problem:
+        raise ValueRangeError(f"the actuator of joint {actuator.joint!r} has {first_problem}")
 
 
 def _problems(actuator: Actuator) -> Iterator[str]:
-    """Impossible numbers, each with its remedy, as the end of a sentence."""
+    """Impossible numbers, each with its remedy, as ends of the sentence "the actuator has …"."""
     motor, rotor = actuator.motor, actuator.rotor
-    largest_text = printed(LARGEST)
+    largest_text = printed(MAX_DRIVE_NUMBER)
     if not _MIN_RATIO <= abs(actuator.ratio) <= _MAX_RATIO:
         bounds = f"from {printed(_MIN_RATIO)} to {printed(_MAX_RATIO)}"
         yield f"the ratio {printed(actuator.ratio)}; it must be a number {bounds}, or minus one."
     if not 0 < actuator.efficiency <= 1:
         yield f"the efficiency {printed(actuator.efficiency)}; it must be above 0 and at most 1."
-    if not 0 <= actuator.no_load_torque <= LARGEST:
+    if not 0 <= actuator.no_load_torque <= MAX_DRIVE_NUMBER:
         yield f"the no-load torque {printed(actuator.no_load_torque)} N m; it must be at least 0 and at most {largest_text}."
     if not (_is_in_range(actuator.stiffness) or actuator.stiffness == np.inf):
         stiffness = printed(actuator.stiffness)
         yield f"the stiffness {stiffness}; it must be above 0 and at most {largest_text}. Leave it out where the gear is rigid."
     if rotor is not None:
-        is_place_possible = np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST
+        is_place_possible = np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= MAX_DRIVE_NUMBER
         if not is_place_possible:
             yield f"a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite."
-        if not (_is_in_range(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
+        if not (_is_in_range(rotor.inertia) and 0 <= rotor.mass <= MAX_DRIVE_NUMBER):
             yield f"a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
     if motor is None:
         return
@@ -314,4 +316,4 @@ def _is_possible(thermal: Thermal) -> bool:
 
 def _is_in_range(x: float) -> bool:
     """True if the number is in the range allowed for a drive."""
-    return bool(_MIN_DRIVE_NUMBER <= x <= LARGEST)
+    return bool(_MIN_DRIVE_NUMBER <= x <= MAX_DRIVE_NUMBER)

@@ -17,7 +17,7 @@ import numpy as np
 from ...core.errors import ModelError
 from ...core.text import listed
 from ...core.typing import Array
-from .actuators import LARGEST
+from .actuators import MAX_DRIVE_NUMBER
 
 if TYPE_CHECKING:
     from .model import Model
@@ -58,7 +58,8 @@ class Coupling:
                 f"coupling {self.name!r} has a matrix of {shape} for {motor_count} motors and {n} joints. It needs as many "
                 f"motors as joints, and a square matrix."
             )
-        if not (np.isfinite(A).all() and np.abs(A).max() <= LARGEST):
+        is_possible = np.isfinite(A).all() and np.abs(A).max() <= MAX_DRIVE_NUMBER
+        if not is_possible:
             raise ModelError(f"coupling {self.name!r} has the matrix {A.tolist()}; its numbers must be finite.")
         column_lengths = np.linalg.norm(A, axis=0)
         unit_columns = A / np.where(column_lengths > 0, column_lengths, 1.0)  # zero columns stay zero
@@ -99,11 +100,11 @@ def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
     _check_one_coupling_each(all_couplings, "motor")
     _check_one_coupling_each(all_couplings, "joint")
     joint_names = {body.joint.name for body in model.bodies}
-    indices: list[int] = []  # of the coupled joints in dq
+    coupled_indices: list[int] = []  # in dq
     coupled_joints: set[str] = set()
     for coupling in new_couplings:
         coupled_joints.update(coupling.joints)
-        indices += [model.drive_index(joint) for joint in coupling.joints]
+        coupled_indices += [model.drive_index(joint) for joint in coupling.joints]
         ambiguous_motors = [motor for motor in coupling.motors if motor in joint_names]
         if ambiguous_motors:
             raise ModelError(
@@ -114,7 +115,8 @@ def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
             raise ModelError(
                 f"joint {actuator.joint!r} has an actuator of its own and is in a coupling. Keep one of them."
             )
-    return replace(_without_drives(model, indices, coupled_joints), couplings=all_couplings)
+    model_without_drives = _without_drives(model, coupled_indices, coupled_joints)
+    return replace(model_without_drives, couplings=all_couplings)
 
 
 def _check_one_coupling_each(couplings: Iterable[Coupling], kind: str) -> None:

@@ -134,8 +134,9 @@ class Limits:
         :data:`TOLERANCE` times the larger finite position limit of the joint, or times 1 if both are infinite or zero.
         """
         sizes = np.abs(np.stack([self.lower, self.upper]))
-        largest = np.max(np.where(np.isfinite(sizes), sizes, 0.0), axis=0)
-        scale = np.where(largest > 0.0, largest, 1.0)
+        finite_sizes = np.where(np.isfinite(sizes), sizes, 0.0)
+        larger_size = np.max(finite_sizes, axis=0)
+        scale = np.where(larger_size > 0.0, larger_size, 1.0)
         return np.asarray(TOLERANCE * scale)
 
     def exceeded(self, positions: Any) -> Array:
@@ -212,9 +213,9 @@ class Limits:
         batch_axes = tuple(range(speed.ndim - 1))
         largest_speed = speed.max(initial=0.0, axis=batch_axes)  # of each joint
         is_at_rest = speed <= TOLERANCE * largest_speed
-        larger = np.maximum(self.acceleration, self.deceleration)
+        larger_limit = np.maximum(self.acceleration, self.deceleration)
         limit_in_motion = np.where(dq * ddq < 0, self.deceleration, self.acceleration)
-        return np.where(is_at_rest, larger, limit_in_motion)
+        return np.where(is_at_rest, larger_limit, limit_in_motion)
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,7 @@ class ModelParts:
     whole: dict[str, SpatialInertia] = field(default_factory=dict)
     """Whole inertia of the root and of each link on a moving joint, including everything fixed to it."""
     friction: dict[str, Friction] = field(default_factory=dict)
-    """Friction of each joint with coordinates, and of each motor behind an elastic gear; by name, (nv of the joint,) each."""
+    """Friction by name of the joint, or of the motor behind its elastic gear; arrays of the shape (nv of the joint,)."""
     armature: dict[str, Array] = field(default_factory=dict)
     """Armature by joint, without rotors."""
     actuators: list[Actuator] = field(default_factory=list)
@@ -79,16 +79,16 @@ class _Disassembly:
 
     def __init__(self, model: Model, extra: bool) -> None:
         self.model, self.extra = model, extra
-        self.bodies = {body.link: i for i, body in enumerate(model.bodies) if body.joint.moves_body}
+        self.body_indices = {body.link: i for i, body in enumerate(model.bodies) if body.joint.moves_body}
         """Index of the body of each link on a moving joint."""
         self.motors: dict[str, Body] = {}
         """Motors behind elastic gears, which have coordinates of their own, by the joint they drive."""
         for body in model.leaders:
             if not body.joint.moves_body:
                 self.motors[model.actuators[body.joint.name].joint] = body
-        self.leaders = {body.v_index: body for body in model.leaders}
+        self.leaders_by_index = {body.v_index: body for body in model.leaders}
         """Leading body by its first index in dq."""
-        self.link_names = list(dict.fromkeys([*model.frames, *self.bodies]))  # each name once
+        self.link_names = list(dict.fromkeys([*model.frames, *self.body_indices]))  # each name once
         remaining_links = set(self.link_names)
         self.parents = {link: self._carrier(link, remaining_links) for link in remaining_links if link in model.mounts}
 
@@ -103,8 +103,8 @@ class _Disassembly:
         """All parts of the model."""
         model = self.model
         links_without_carrier = [link for link in self.link_names if not self.parents.get(link, "")]
-        first_link = links_without_carrier[0] if links_without_carrier else "world"
-        floating = first_link in self.bodies
+        first_link = links_without_carrier[0] if links_without_carrier else "world"  # a model may have no links
+        floating = first_link in self.body_indices
         is_locked = not floating and first_link in self.parents  # a locked floating joint carries it
         root = first_link
         if is_locked:
@@ -119,10 +119,10 @@ class _Disassembly:
         self._add_links(parts)
         parts.joints = [self._joint(link) for link in self._depth_first(root) if link != root]
         if floating:
-            self._add_losses(parts, model.bodies[self.bodies[root]])
+            self._add_losses(parts, model.bodies[self.body_indices[root]])
         for joint in parts.joints:
             if not joint.fixed and joint.mimic is None:
-                self._add_losses(parts, model.bodies[self.bodies[joint.child]])
+                self._add_losses(parts, model.bodies[self.body_indices[joint.child]])
         self._add_additions(parts)
         return parts
 
@@ -143,14 +143,14 @@ class _Disassembly:
                 remainders[frame.body] = remainders[frame.body] - inertia.in_frame(frame.pose)
         for name in self.link_names:
             inertia = model.link_inertias.get(name, SpatialInertia.zero())
-            i = self.bodies.get(name, BASE)
+            i = self.body_indices.get(name, BASE)
             is_main_link = i != BASE or name == parts.root
             if is_main_link and _exceeds_rounding(remainders[i], whole_inertias[i]):
                 inertia = inertia + remainders[i]
             is_shaped = name in model.shaped
             is_hidden = name not in model.frames
             parts.links[name] = LinkEntry(name, inertia, "", is_shaped, is_hidden)
-        parts.whole = {link: whole_inertias[i] for link, i in self.bodies.items()}
+        parts.whole = {link: whole_inertias[i] for link, i in self.body_indices.items()}
         parts.whole.setdefault(parts.root, whole_inertias[BASE])
 
     def _depth_first(self, root: str) -> Iterator[str]:
@@ -166,7 +166,7 @@ class _Disassembly:
             parents_first.append(link)
             stack.extend(children[link])
         # Lowest index of the bodies on a link and beyond it; links without bodies come last.
-        first_body = {link: self.bodies.get(link, len(self.bodies)) for link in children}
+        first_body = {link: self.body_indices.get(link, len(self.body_indices)) for link in children}
         for link in reversed(parents_first):
             parent = self.parents.get(link, "")
             if parent in first_body:
@@ -180,8 +180,8 @@ class _Disassembly:
 
     def _pose(self, link: str) -> tuple[int, Array]:
         """Index of the body that a link is fixed to, and the link's pose in it."""
-        if link in self.bodies:
-            return self.bodies[link], np.eye(4)
+        if link in self.body_indices:
+            return self.body_indices[link], np.eye(4)
         if link in self.model.frames:
             frame = self.model.frames[link]
             return frame.body, frame.pose
@@ -193,10 +193,10 @@ class _Disassembly:
         parent = self.parents[link]
         _, name = model.mounts[link]
         _, T_parent = self._pose(parent)
-        if link not in self.bodies:
+        if link not in self.body_indices:
             _, T = self._pose(link)
             return fixed_entry(name, parent, link, _relative_pose(T_parent, T))
-        body = model.bodies[self.bodies[link]]
+        body = model.bodies[self.body_indices[link]]
         _, dq_indices = body.places
         limits = model.limits.select(dq_indices)
         if name in self.motors:  # behind an elastic gear; the motor has the effort limit
@@ -205,16 +205,16 @@ class _Disassembly:
         entry = _entry(body.joint, parent, link, _relative_pose(T_parent, body.placement), limits)
         if not body.follows:
             return entry
-        leader = self.leaders[body.v_index]
+        leader = self.leaders_by_index[body.v_index]
         infinite = np.full(1, np.inf)
         effort = np.array([body.effort])
         if body.ratio:
             leader_range = np.array([limits.lower, limits.upper])
             ends = body.ratio * leader_range + body.offset
             lower, upper = np.sort(ends, axis=0)  # a negative ratio exchanges them
-            follower_limits = Limits(lower, upper, infinite, effort)
+            follower_limits = Limits(lower, upper, velocity=infinite, effort=effort)
         else:
-            follower_limits = Limits(-infinite, infinite, infinite, effort)
+            follower_limits = Limits(lower=-infinite, upper=infinite, velocity=infinite, effort=effort)
         return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=follower_limits)
 
     def _add_losses(self, parts: ModelParts, body: Body) -> None:
@@ -237,9 +237,12 @@ class _Disassembly:
         joint_names = {joint.name for joint in parts.joints} | {ROOT_JOINT}
         additions.springs = [spring for spring in model.springs if joint_names.issuperset(spring.joints)]
         leaders = [body for body in model.leaders if body.joint.moves_body]
-        q_indices = {body.joint.name: body.places[0] for body in leaders}
+        q_indices_by_joint = {}
+        for body in leaders:
+            q_indices, _ = body.places
+            q_indices_by_joint[body.joint.name] = q_indices
         for name, q in model.configurations.items():
-            additions.configurations[name] = {joint: q[indices] for joint, indices in q_indices.items()}
+            additions.configurations[name] = {joint: q[indices] for joint, indices in q_indices_by_joint.items()}
         additions.closures = dict(model.closures)
         additions.motor_joints = set(model.motor_joints)
         additions.mounted = model.mounted
@@ -247,13 +250,13 @@ class _Disassembly:
 
 
 _NO_COORDINATES = np.zeros(0)
-_NO_LIMITS = Limits(_NO_COORDINATES, _NO_COORDINATES, _NO_COORDINATES, _NO_COORDINATES)
+_NO_LIMITS = Limits(lower=_NO_COORDINATES, upper=_NO_COORDINATES, velocity=_NO_COORDINATES, effort=_NO_COORDINATES)
 """Limits of a fixed joint."""
 
 
 def _entry(joint: Joint, parent: str, child: str, placement: Array, limits: Limits) -> JointEntry:
     """Joint between two links, without friction, armature and mimic."""
-    return JointEntry(joint, parent, child, placement, limits, 0.0, 0.0, None, "")
+    return JointEntry(joint, parent, child, placement, limits, damping=0.0, friction=0.0, mimic=None, where="")
 
 
 def fixed_entry(name: str, parent: str, child: str, placement: Array) -> JointEntry:

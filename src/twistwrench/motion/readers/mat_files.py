@@ -134,7 +134,8 @@ def _matrix(path: Path, byte_order: str, content: memoryview) -> tuple[str, Arra
     _, flags, offset = _element(path, byte_order, content, 0)
     _, axis_lengths, offset = _element(path, byte_order, content, offset)
     _, label, offset = _element(path, byte_order, content, offset)
-    if len(flags) != 8 or len(axis_lengths) % 4:
+    has_type = len(flags) == 8 and len(axis_lengths) % 4 == 0  # two flags, and lengths, of four bytes each
+    if not has_type:
         raise _damage_error(path, "an array has no type")
     (flag_bits,) = struct.unpack_from(f"{byte_order}I", flags)
     name = bytes(label).decode("ascii", "replace")
@@ -144,7 +145,8 @@ def _matrix(path: Path, byte_order: str, content: memoryview) -> tuple[str, Arra
         return name, np.zeros(0)
     number_code, numbers, _ = _element(path, byte_order, content, offset)
     shape = np.frombuffer(axis_lengths, f"{byte_order}i4").tolist()
-    if number_code not in _NUMBER_TYPES or min(shape, default=-1) < 0:
+    has_valid_shape = min(shape, default=-1) >= 0  # not without axes
+    if number_code not in _NUMBER_TYPES or not has_valid_shape:
         raise _damage_error(path, f"{name!r} has numbers of type {number_code} and the shape {shape}")
     dtype = np.dtype(byte_order + _NUMBER_TYPES[number_code])
     values = np.frombuffer(numbers, dtype, len(numbers) // dtype.itemsize)

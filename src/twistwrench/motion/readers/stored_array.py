@@ -29,6 +29,7 @@ class StoredArray:
     """Array in a file, or in memory if the file had to be read whole."""
 
     shape: tuple[int, ...]
+    """Empty for a single number, and for content that is not numbers."""
     dtype: np.dtype[Any]
     portions: Callable[[int], Iterator[Array]]
     """Function of the number of rows of a portion; it yields all portions in order, as :func:`.slices` splits the rows."""

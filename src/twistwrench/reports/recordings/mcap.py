@@ -63,9 +63,10 @@ def write_mcap(path: str | Path, recording: Recording) -> Path:
     writer_of = require_mcap()
     moving_joints = MovingJoints(recording.robot, robot_description(recording.robot.model))
     with replacing(path) as temporary_path, temporary_path.open("wb") as file, writer_of(file) as writer:
-        joint_names = recording.joints[0]
+        joint_names, _, _ = recording.joints
         messages = _MessageWriter(writer, joint_names)
-        first_stamp, last_stamp = recording.stamps(np.array(recording.span)).tolist()
+        first_and_last_time = np.array(recording.span)
+        first_stamp, last_stamp = recording.stamps(first_and_last_time).tolist()
         messages.write("/robot_description", _TEXT, first_stamp, {"data": xml_text(moving_joints.description)})
         for time, q, series in recording.portions:
             values_by_topic = {}

@@ -72,9 +72,9 @@ def support_noise(found: GroundSupport, derivation: Differentiation) -> SupportN
     """Effect of the noise of derived accelerations; None if they are given, or without noise."""
     if not derivation.sigma_ddq.any():
         return None
-    fails = found.aground & found.decided & ~found.holds
-    is_certain = np.zeros(len(fails), bool)
-    failing_rows = np.flatnonzero(fails)
+    has_failed = found.aground & found.decided & ~found.holds
+    is_certain = np.zeros(len(has_failed), bool)
+    failing_rows = np.flatnonzero(has_failed)
     for start in range(0, len(failing_rows), _BATCH_SIZE):
         batch = failing_rows[start : start + _BATCH_SIZE]
         states = samples(found.states, batch)
@@ -114,9 +114,11 @@ def _margin(found: GroundSupport, derivation: Differentiation) -> tuple[float, f
     if failure.holds[0] or not failure.decided[0]:
         return 0.0, margin, time, ""
     state_at_rest = replace(state, dq=np.zeros_like(state.dq), ddq=np.zeros_like(state.ddq))
-    torques = found.case.torques_in_the_air(state)[0]
-    torques_at_rest = found.case.torques_in_the_air(state_at_rest)[0]
-    power = abs(float(failure.motion[0] @ (torques - torques_at_rest)))  # of the inertial forces
-    sigma = float(_power_deviation(found, derivation, state, failure.motion)[0])
+    # Results for the only state have one row.
+    (torques,) = found.case.torques_in_the_air(state)
+    (torques_at_rest,) = found.case.torques_in_the_air(state_at_rest)
+    (motion,) = failure.motion
+    power = abs(float(motion @ (torques - torques_at_rest)))  # of the inertial forces
+    (sigma,) = _power_deviation(found, derivation, state, failure.motion).tolist()
     spread = sigma / power if power > 0 else 0.0
     return spread, margin, time, str(failure.how[0])

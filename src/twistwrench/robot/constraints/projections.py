@@ -58,33 +58,42 @@ def forward_dynamics(
     require_met(closed, q, dq)
     if friction:
         tau = robot.engine.call("torque_past_friction", dq, tau)
-    by, on = wrench_by_robot, wrench_on_robot
     if not independent_constraints:
-        ddq = robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
+        ddq = robot.forward_dynamics(q, dq, tau, wrench_by_robot=wrench_by_robot, wrench_on_robot=wrench_on_robot)
         zero_lam = np.zeros((*ddq.shape[:-1], len(closed.sizes)), ddq.dtype)
         return ConstrainedMotion(ddq, zero_lam)
-    independent_rows = list(closed.independent)  # of A
+    independent_rows = list(closed.independent)  # indices in A
     row_count = len(closed.sizes)
     call_engine = robot.engine.call_with_wrenches
     with np.errstate(all="ignore"):  # singular states are replaced below
         ddq, independent_lam, pivots = call_engine(
-            "constrained_dynamics", (q, dq, tau), by, on, None, constraints=independent_constraints
+            "constrained_dynamics",
+            (q, dq, tau),
+            wrench_by_robot,
+            wrench_on_robot,
+            None,
+            constraints=independent_constraints,
         )
     lam = np.zeros((*independent_lam.shape[:-1], row_count), independent_lam.dtype)
     lam[..., independent_rows] = independent_lam
     is_singular = needs_singular_values(pivots, closed.sizes[independent_rows])
-    if (
-        len(independent_rows) < row_count and not is_singular.all()
-    ):  # λ of minimal norm, with its part on dependent rows
-        regular_q = np.broadcast_to(q, (*is_singular.shape, closed.nq))[~is_singular]
+    has_dependent_rows = len(independent_rows) < row_count
+    if has_dependent_rows and not is_singular.all():  # of several λ, the one of minimal norm
+        is_regular = ~is_singular
+        regular_q = np.broadcast_to(q, (*is_singular.shape, closed.nq))[is_regular]
         _, projector = closed._projector(regular_q)
-        lam[~is_singular] = (projector.range @ lam[~is_singular][..., None])[..., 0]
+        lam_columns = lam[is_regular][..., None]
+        lam[is_regular] = (projector.range @ lam_columns)[..., 0]
     if is_singular.any():  # pseudo-inverse from singular values: valid for any rank of A
-        h = call_engine("bias_forces", (q, dq), by, on, None)
-        q, dq, force = (np.broadcast_to(x, (*is_singular.shape, x.shape[-1]))[is_singular] for x in (q, dq, tau - h))
-        _, projector = closed._projector(q)
+        h = call_engine("bias_forces", (q, dq), wrench_by_robot, wrench_on_robot, None)
+        batch_shape = is_singular.shape
+        singular_q = np.broadcast_to(q, (*batch_shape, closed.nq))[is_singular]
+        singular_dq = np.broadcast_to(dq, (*batch_shape, closed.nv))[is_singular]
+        force = np.broadcast_to(tau - h, (*batch_shape, closed.nv))[is_singular]
+        _, projector = closed._projector(singular_q)
         warn_of_singular(projector.rank, len(independent_rows))
-        ddq[is_singular], lam[is_singular] = projector.constrained_acceleration(force, closed.constraint_bias(q, dq))
+        bias = closed.constraint_bias(singular_q, singular_dq)
+        ddq[is_singular], lam[is_singular] = projector.constrained_acceleration(force, bias)
     return ConstrainedMotion(ddq, lam)
 
 
@@ -105,9 +114,10 @@ def inverse_dynamics(
     q, dq, ddq = finite_states(robot.model, "inverse_dynamics", q=q, dq=dq, ddq=ddq)
     require_met(closed, q, dq, ddq)
     is_driven = motor_mask(robot, actuated)
-    by, on = wrench_by_robot, wrench_on_robot
     with np.errstate(all="ignore"):
-        f = robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=by, wrench_on_robot=on, friction=friction)
+        f = robot.inverse_dynamics(
+            q, dq, ddq, wrench_by_robot=wrench_by_robot, wrench_on_robot=wrench_on_robot, friction=friction
+        )
     f = arguments.finite(
         f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", closed.nv
     )
@@ -115,7 +125,7 @@ def inverse_dynamics(
     # A is projected because λ of rows that no motion changes would be arbitrary.
     lam, residual = balance(f, projector.range @ A, closed.sizes, is_driven)
     require_balanced(closed, residual, f, is_driven)
-    constraint_torques = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
+    constraint_torques = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]  # A'λ
     tau = np.where(is_driven, f + constraint_torques, 0.0)
     lam = (projector.range @ lam[..., None])[..., 0]
     return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
@@ -167,8 +177,9 @@ def explanation(
     (q,) = finite_states(robot.model, "explain", q=q)
     A = closed.constraint_jacobian(q)[..., None, None, :, :]  # for each term and cause
     lam, _ = balance(explanation_of_tree.parts, A, closed.sizes, is_driven)
-    constraint_torques = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
-    return replace(explanation_of_tree, parts=np.where(is_driven, explanation_of_tree.parts + constraint_torques, 0.0))
+    constraint_torques = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]  # A'λ
+    driven_parts = np.where(is_driven, explanation_of_tree.parts + constraint_torques, 0.0)
+    return replace(explanation_of_tree, parts=driven_parts)
 
 
 def inverse_dynamics_derivatives(

@@ -107,7 +107,9 @@ def _python_handler(name: str, kernel: Callable[..., Any], count: int, version: 
             extension = _Extension.from_address(frame.extension) if frame.extension else None
             if extension is not None and extension.type == _METADATA_EXTENSION:  # XLA queries the version only
                 metadata = extension.metadata.contents
-                metadata.version.major, metadata.version.minor = version
+                major, minor = version
+                metadata.version.major = major
+                metadata.version.minor = minor
             elif frame.stage == _EXECUTE_STAGE:
                 inputs = _arrays(frame.args)[:count]
                 kernel(*inputs, out=tuple(_arrays(frame.rets)))

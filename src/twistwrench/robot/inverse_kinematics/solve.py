@@ -249,7 +249,8 @@ def solve(
     ``loops``: loops of a closed robot to close at the same time.
     """
     # Calls with plain options take a fast path from the third one on; this part takes a large share of its time.
-    remembered_searches, memory_key = robot.engine.single_poses, None
+    remembered_searches = robot.engine.single_poses
+    memory_key = None
     is_plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str) and not nearest
     if is_plain and loops is None and type(rng) is int and type(restarts) is int and type(angle) is float:
         memory_key = (frame, rows, restarts, rng, angle, distance)
@@ -278,9 +279,7 @@ def solve(
         result_type = np.result_type(result_type, start)
     batch_shape = _batch_shape(target, start, target_shape)
     start = np.broadcast_to(start, (*batch_shape, robot.nq)).reshape(-1, robot.nq)
-    exact_target = target
-    if target.dtype != float:
-        exact_target = _rigid(target)
+    exact_target = target if target.dtype == float else _rigid(target)
     poses = np.broadcast_to(exact_target, (*batch_shape, *target_shape)).reshape(-1, *target_shape)
     q, status = search.best(poses, start, *settings)
     is_unsolved = ~(status[:, OUTCOME] >= 0.0)  # NaN too
@@ -432,9 +431,8 @@ def _search(robot: Robot, frames: Frames, loops: LoopClosureSolver | None = None
     def build() -> PoseSearch:
         J = np.array([sample_jacobians(name) for name, _ in frames])
         J_v = J[..., 3:, :]
-        largest_lever = float(
-            np.linalg.norm(J_v, axis=-2).max(initial=0.0)
-        )  # displacement per radian or metre of a joint
+        levers = np.linalg.norm(J_v, axis=-2)  # displacement per radian or metre of a joint
+        largest_lever = float(levers.max(initial=0.0))
         pose_kernels = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
         subtract = robot.engine.kernel(("subtract",), {})
         return PoseSearch(robot.model, frames, largest_lever, pose_kernels, subtract, loops)

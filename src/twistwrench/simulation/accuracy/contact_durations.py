@@ -56,7 +56,8 @@ class ContactDurations:
                     self._note_short(self.names[j], t)
             self._closing_steps[ends_closed & ~was_closed] = step_number
             began_to_work = does_work[k + 1] and not does_work[k]
-            if began_to_work and not was_closed.any() and not ends_closed.any():  # it began and ended within this step
+            is_closed_at_ends = was_closed.any() or ends_closed.any()
+            if began_to_work and not is_closed_at_ends:  # it began and ended within this step
                 self._note_short("a contact", t)
         self._is_closed = is_closed[-1]
         self._worked = bool(does_work[-1])

@@ -52,6 +52,7 @@ PIVOT = 3
 ON_CONSTRAINTS = 4
 """1 as long as all steps end on the constraints, then 0."""
 LOOP_STATE_SIZE = 5
+"""Number of entries of the loop-closure state."""
 
 SMALL_PIVOT = 1e-2
 """Relative pivot below which a pivot counts as small."""
@@ -263,7 +264,8 @@ class Loops:
         if not np.isfinite(y1).all():  # the check of the step reports it
             return
         pivot = self.onto(t + h, y1)
-        if not pivot >= SMALL_PIVOT and loses_rank(np.array(pivot), self.smallest_pivot(y)):
+        is_small = not pivot >= SMALL_PIVOT  # also for NaN
+        if is_small and loses_rank(np.array(pivot), self.smallest_pivot(y)):
             raise SimulationError(
                 f"at t = {printed(t + h, 9)} s the constraints lose rank: {', '.join(self.closed.row_names)} hold the "
                 "robot in fewer directions at a singular configuration, from which the motion may go on in several ways. "
@@ -326,7 +328,9 @@ class ClosedSystem(System):
         powers = out[self.work_entries]  # written by self.forces
         powers[:] = 0.0
         self.manifold.rates(q, dq, out[: self.nq])
-        out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]  # q̈, without λ and pivots
+        force = self.forces(t, q, dq, powers)
+        ddq, _, _ = self.loops.dynamics(q, dq, force)  # without λ and pivots
+        out[self.moving] = ddq
 
     def allowed_velocities(self, y: Array) -> Array:
         """Velocities (..., nv) projected onto the constraints, as at the end of a step."""

@@ -106,9 +106,11 @@ class Tableau:
     def __post_init__(self) -> None:
         for name in ("a", "dense"):
             matrix = getattr(self, name)
-            object.__setattr__(self, name, tuple(tuple(map(Fraction, row)) for row in matrix))
+            exact_matrix = tuple(tuple(map(Fraction, row)) for row in matrix)
+            object.__setattr__(self, name, exact_matrix)
         for name in ("b", "embedded"):
-            object.__setattr__(self, name, tuple(map(Fraction, getattr(self, name))))
+            exact_row = tuple(map(Fraction, getattr(self, name)))
+            object.__setattr__(self, name, exact_row)
         stage_count = len(self.a)
         is_square = all(len(row) == stage_count for row in self.a)
         if not is_square or len(self.b) != stage_count:

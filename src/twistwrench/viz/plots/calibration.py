@@ -17,7 +17,15 @@ from ..colours import quantity_steps
 _MILLI = 1e3
 """Millimetres in a metre, milliradians in a radian."""
 _WIDTH = 10.5
-"""Width of a figure [inches], as all sizes of figures."""
+"""Width of a figure [inches]."""
+_HEIGHT_OF_CALIBRATION = 7.0
+"""Height of the figure with two rows of plots [inches]."""
+_HEIGHT_OF_POSES = 3.6
+"""Height of the figure with one row of plots [inches]."""
+_ROOM_FOR_LEGEND = 3.0
+"""Factor of the upper end of a logarithmic axis."""
+_MARK_AREA = 12.0
+"""Area of the mark of a tip position [points²]."""
 
 
 def plot_calibration(found: CalibratedRobot, path: str | Path) -> None:
@@ -36,23 +44,24 @@ def plot_calibration(found: CalibratedRobot, path: str | Path) -> None:
     'calibration.svg'
     """
     title = f"{found.robot_name} · calibration of {found.fit.problem.chain.frame}"
-    with style.figure(_WIDTH, 7.0, title) as drawn:
+    with style.figure(_WIDTH, _HEIGHT_OF_CALIBRATION, title) as drawn:
         axes: Any = drawn.subplots(2, 2)
-        _draw_errors(axes[0, 0], found)
-        _draw_predicted_errors(axes[0, 1], found)
-        _draw_zeros(axes[1, 0], found)
-        _draw_residuals(axes[1, 1], found)
+        (error_axis, prediction_axis), (zero_axis, residual_axis) = axes
+        _draw_errors(error_axis, found)
+        _draw_predicted_errors(prediction_axis, found)
+        _draw_zeros(zero_axis, found)
+        _draw_residuals(residual_axis, found)
         style.save(drawn, path)
 
 
 def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
     """Draw errors as bars, the largest error before the calibration first; crosses are readings that were left out."""
-    order = np.argsort(-found.errors_before)
-    errors_after = np.concatenate(found.fit.errors)[order]
+    reading_order = np.argsort(-found.errors_before)
+    errors_after = np.concatenate(found.fit.errors)[reading_order]
     reading_weights = np.concatenate([weights[:, -1] for weights in found.fit.weights])  # zero: left out
-    is_used = reading_weights[order] > 0
-    ranks = np.arange(len(order))
-    axis.bar(ranks, _MILLI * found.errors_before[order], color=style.QUIET, label="before")
+    is_used = reading_weights[reading_order] > 0
+    ranks = np.arange(len(reading_order))
+    axis.bar(ranks, _MILLI * found.errors_before[reading_order], color=style.QUIET, label="before")
     axis.bar(ranks, _MILLI * errors_after, color=style.POINTED, label="after")
     if not is_used.all():
         left_out = ~is_used
@@ -61,7 +70,7 @@ def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
         )
     axis.set_yscale("log")
     _, top = axis.get_ylim()
-    axis.set_ylim(top=3.0 * top)  # room for the legend
+    axis.set_ylim(top=_ROOM_FOR_LEGEND * top)
     axis.yaxis.set_major_formatter(lambda x, _: number(x))
     axis.set_xlabel("reading, sorted")
     axis.set_ylabel("error [mm]")
@@ -74,7 +83,8 @@ def _draw_predicted_errors(axis: Any, found: CalibratedRobot) -> None:
     T = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)
     p = T[:, :3, 3]
     errors = _MILLI * found.remaining_at(found.reference)
-    points = axis.scatter(np.hypot(p[:, 0], p[:, 1]), p[:, 2], c=errors, s=12, cmap=quantity_steps())
+    radius = np.hypot(p[:, 0], p[:, 1])
+    points = axis.scatter(radius, p[:, 2], c=errors, s=_MARK_AREA, cmap=quantity_steps())
     axis.figure.colorbar(points, ax=axis, label="predicted to remain [mm]")
     axis.set_xlabel("distance from the z axis [m]")
     axis.set_ylabel("z [m]")
@@ -134,22 +144,24 @@ def plot_measuring_poses(plan: MeasuringPoses, path: str | Path) -> None:
     chain = plan.fit.problem.chain
     T = chain.tips(plan.q, plan.fit.state.corrections)
     p = T[:, :3, 3]
-    with style.figure(_WIDTH, 3.6, f"{plan.robot_name} · configurations to measure {chain.frame}") as drawn:
+    title = f"{plan.robot_name} · configurations to measure {chain.frame}"
+    with style.figure(_WIDTH, _HEIGHT_OF_POSES, title) as drawn:
         axes: Any = drawn.subplots(1, 3)
-        error, side, top = axes
-        error.plot(plan.counts, _MILLI * plan.remaining, "o-", color=style.POINTED)
-        error.set_yscale("log")
-        error.yaxis.set_major_formatter(lambda x, _: number(x))
-        error.set_xlabel("readings")
-        error.set_ylabel("predicted to remain [mm]")
-        style.titles(error, "Error of the tip")
-        side.plot(np.hypot(p[:, 0], p[:, 1]), p[:, 2], "o", color=style.POINTED)
-        side.set_xlabel("distance from the z axis [m]")
-        side.set_ylabel("z [m]")
-        style.titles(side, "From the side")
-        top.plot(p[:, 0], p[:, 1], "o-", color=style.POINTED, linewidth=0.6)
-        top.set_aspect("equal")
-        top.set_xlabel("x [m]")
-        top.set_ylabel("y [m]; lines: order")
-        style.titles(top, "From above")
+        error_axis, side_view, top_view = axes
+        error_axis.plot(plan.counts, _MILLI * plan.remaining, "o-", color=style.POINTED)
+        error_axis.set_yscale("log")
+        error_axis.yaxis.set_major_formatter(lambda x, _: number(x))
+        error_axis.set_xlabel("readings")
+        error_axis.set_ylabel("predicted to remain [mm]")
+        style.titles(error_axis, "Error of the tip")
+        radius = np.hypot(p[:, 0], p[:, 1])
+        side_view.plot(radius, p[:, 2], "o", color=style.POINTED)
+        side_view.set_xlabel("distance from the z axis [m]")
+        side_view.set_ylabel("z [m]")
+        style.titles(side_view, "From the side")
+        top_view.plot(p[:, 0], p[:, 1], "o-", color=style.POINTED, linewidth=0.6)
+        top_view.set_aspect("equal")
+        top_view.set_xlabel("x [m]")
+        top_view.set_ylabel("y [m]; lines: order")
+        style.titles(top_view, "From above")
         style.save(drawn, path)
