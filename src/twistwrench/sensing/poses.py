@@ -259,8 +259,9 @@ def propose_poses(
         information = information + A[best].T @ A[best]
         variances = np.diag(np.linalg.inv(information))
         load_deviations = np.sqrt(variances)[unknowns.load]
-        mass_deviation, *moment_deviations = load_deviations.tolist()
-        deviations.append((mass_deviation, max(moment_deviations)))
+        mass_deviation = load_deviations[0]
+        first_moment_deviation = load_deviations[1:].max()  # the largest of three
+        deviations.append((mass_deviation, first_moment_deviation))
     chosen_gravity = gravity * directions[chosen_indices]
     rotations = rotations_to_gravity(chosen_gravity)
     mass_deviations, first_moment_deviations = np.array(deviations).T
