@@ -215,7 +215,8 @@ def _article(section: str | None, outputs: Outputs[Shown]) -> ShownArticle:
     """Article on a section; raises if the section has no article, or if options need a robot."""
     context = click.get_current_context()
     if section is None:
-        raise click.MissingParameter(ctx=context, param=context.command.params[0])
+        robot_argument, *_ = context.command.params
+        raise click.MissingParameter(ctx=context, param=robot_argument)
     if section not in ARTICLES:
         section_panel(section)  # raises for a section that is not there
         raise ValueRangeError(
@@ -262,10 +263,10 @@ def _loads_and_motion(
     The motion is judged as by the command ``torques``, and its doubts are printed as notes.
     """
     if log.trajectory is None:
-        for name in (*log.given, *_MOTION_OPTIONS):
-            if name in log.given or name in asked:
-                flag = f"--{name.replace('_', '-')}"
-                raise ValueRangeError(f"{flag} is about a motion, and none is given. Add --trajectory.")
+        motion_options = [*log.given, *(name for name in _MOTION_OPTIONS if name in asked)]
+        for name in motion_options:
+            flag = f"--{name.replace('_', '-')}"
+            raise ValueRangeError(f"{flag} is about a motion, and none is given. Add --trajectory.")
         if "clearance" in asked or "srdf" in asked:
             raise ValueRangeError("--clearance is of a motion, and there is none. Add --trajectory FILE.csv.")
         case = LoadCase(robot.load(), tuple(asked.get("payload", ())), asked.get("wrench_on_robot", {}))

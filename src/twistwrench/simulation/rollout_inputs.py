@@ -183,12 +183,12 @@ def validate_inputs(
 ) -> Inputs:  # fmt: skip
     """Validated inputs of a rollout; raises ShapeError, ValueRangeError and UnknownNameError.
 
-    ``step_of`` may change the plan of its step.
+    ``step_of`` returns the plan to use in place of the plan of a step.
     """
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
     if hasattr(tau, "batch_law") and not isinstance(tau, type):  # a controller of one motion
-        n, h, _ = _count_steps(dt, steps, duration, 1, [])
+        n, h, _ = _count_steps(dt, steps, duration, every=1, inputs=[])
         tau = tau.batch_law(robot, h * np.arange(n))
     law = law_of(tau)
     law.check(robot.model)

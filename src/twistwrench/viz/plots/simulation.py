@@ -183,7 +183,7 @@ def plot_trajectory(
         left_figure = cast("Any", drawn)
         if fast is not None:
             subfigures = drawn.subfigures(1, 2, width_ratios=[1.25, 1])
-            left_figure, right_figure = cast("Any", subfigures)
+            left_figure, right_figure = cast("Any", subfigures)  # time, phase plane
         axes = left_figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
         curves(axes[0], t, dq, bounds.velocity, names, "velocity")
         curves(axes[1], t, tau, bounds.effort, robot.model.drive_names, "torque")
