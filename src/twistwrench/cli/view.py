@@ -263,9 +263,10 @@ def _loads_and_motion(
     The motion is judged as by the command ``torques``, and its doubts are printed as notes.
     """
     if log.trajectory is None:
-        motion_options = [*log.given, *(name for name in _MOTION_OPTIONS if name in asked)]
-        for name in motion_options:
-            flag = f"--{name.replace('_', '-')}"
+        motion_options = list(log.given)
+        motion_options += [name for name in _MOTION_OPTIONS if name in asked]
+        if motion_options:
+            flag = f"--{motion_options[0].replace('_', '-')}"
             raise ValueRangeError(f"{flag} is about a motion, and none is given. Add --trajectory.")
         if "clearance" in asked or "srdf" in asked:
             raise ValueRangeError("--clearance is of a motion, and there is none. Add --trajectory FILE.csv.")

@@ -127,7 +127,7 @@ def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Findings on tensors whose largest gyration radius is below a thirtieth of the diagonal of the shapes."""
     for link, written in comparable_links(robot):
-        max_moment = float(np.linalg.eigvalsh(written.tensor)[-1])
+        *_, max_moment = np.linalg.eigvalsh(written.tensor).tolist()  # in ascending order
         radius = float(np.sqrt(max(max_moment, 0.0) / written.mass))
         diagonal = link.shapes.diagonal
         if radius >= _MIN_RADIUS_OF_DIAGONAL * diagonal or no_tensor(written):
@@ -180,7 +180,7 @@ def reference_of(link: ParsedLink) -> Array | None:
     tensor = link.shapes.tensor(link.written.mass)
     if tensor is None:
         return None
-    R = link.written.R
+    R = link.written.R  # axes of the written tensor in the link
     return np.asarray(R.T @ tensor @ R)
 
 

@@ -274,14 +274,14 @@ def configuration_of(
     what: Argument = _AT_ARGUMENT,
     start: Array | None = None,
 ) -> Array:
-    """Configuration (nq,) that a user gives; other joints keep their value in ``start``, the default of which is neutral.
+    """Configuration (nq,) that a user gives; other joints keep their value in ``start``.
 
     Parameters
     ----------
     given : (nq,) array, {joint: position}, name of a configuration of the robot, "v,v,…", "JOINT=VALUE", or a list of texts
     degrees : bool, given angles are in degrees
     what : Argument that errors name
-    start : (nq,) array, optional
+    start : (nq,) array, optional; None: neutral
 
     Raises
     ------
@@ -338,7 +338,7 @@ def _all_coordinates(robot: Robot, text: str, option: str, si_factors: Array) ->
     configurations = robot.configurations
     if text in configurations:
         return np.array(configurations[text])
-    # The rest is for the error message, and for numbers.
+    # The text has numbers; ``form`` is for the message if it does not.
     form = f"{robot.nq} numbers, {_first_names(robot.coordinate_names, ',')}; or JOINT=VALUE, as {_example(robot)}"
     if configurations:
         form += f"; or a configuration of the file: {_first_names(list(configurations), ', ')}"

@@ -76,7 +76,7 @@ def _parameter_rows(found: Identification) -> Iterator[tuple[Any, ...]]:
     for axis, x, (low, high) in zip("xyz", load.com, found.com_intervals, strict=True):
         yield f"centre of mass {axis}", "mm", *_estimate_cells(_MILLI * x, 0.5 * _MILLI * (high - low))
     if unknowns.inertia:
-        for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):
+        for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):  # upper triangle, column by column
             name = f"I{'xyz'[i]}{'xyz'[j]}"
             cells = _estimate_cells(load.moment_about_origin[i, j], half_width(name))
             yield f"{name} about the origin", "kg m²", *cells

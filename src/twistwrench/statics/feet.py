@@ -250,7 +250,7 @@ def _width(corners: Sequence[Array]) -> float:
 
 
 def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid]]]:
-    """Pose in the body, and shapes, of a link. If the link has no shape, the same for each link that is fixed to it.
+    """Pose in the body, and shapes, of a link; if the link has no shape, of each link that is fixed to it.
 
     Visual shapes are taken only if there are no collision shapes.
     """

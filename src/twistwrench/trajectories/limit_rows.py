@@ -149,7 +149,8 @@ class PathRows:
 
     def at(self, s: Array, low: float = 0.0, high: float = 1.0) -> Rows:
         """Rows at s (m,); at the ends of a piece [low, high] the values from inside it."""
-        nudge = min(_NUDGE * max(1.0, high), 0.1 * (high - low))  # a tenth of a very short piece
+        nudge = _NUDGE * max(1.0, high)
+        nudge = min(nudge, 0.1 * (high - low))  # a tenth of a very short piece
         s = np.clip(s, low + nudge, high - nudge)
         q, q1, q2 = self.path(s)  # with the derivatives q' and q'' by s
         zero = np.zeros_like(q1)
@@ -168,7 +169,7 @@ class PathRows:
             motor_q1 = motor_velocities(self.robot.model, q1)
             c = c + law.coulomb * np.sign(motor_q1)
             d = law.viscous * motor_q1
-        j = self.torque
+        j = self.torque  # indices of entries of dq, as k
         k = self.accelerated
         sign = np.where(self._offset != 0, np.sign(q1[:, k]), 1.0)
         a = np.concatenate([a[:, j], sign * q1[:, k]], axis=1)

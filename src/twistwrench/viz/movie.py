@@ -41,16 +41,20 @@ _MAX_BARS = 12
 """Maximum number of torque bars; a robot with more joints shows the joints nearest to their limits."""
 _MIN_ROWS = 4
 """Number of rows for bars, at least; fewer bars are not made thicker."""
-_WIDTH, _HEIGHT = 8.0, 4.5  # of a film [inch]
+_WIDTH = 8.0  # of a film [inch]
+_HEIGHT = 4.5  # [inch]
 _PIXELS_PER_INCH = 100  # 800 x 450 pixels
 _MAX_LINE_LENGTH = 72
 """Largest number of characters in a line of the verdict's reason."""
-_HALF_WIDTH, _HALF_HEIGHT = 0.56, 0.47
-"""Half the size of the robot's picture, in units of the visible region."""
+# Half the size of the robot's picture, in units of the visible region:
+_HALF_WIDTH = 0.56
+_HALF_HEIGHT = 0.47
 _GRID_SIZE = 2.2
 """Size of the floor's grid, in units of the visible region."""
-_MIN_REACH, _SPACE = 1.15, 1.05
-"""Smallest end of the bars' axis, and its end in units of the largest bar."""
+_MIN_AXIS_END = 1.15
+"""Smallest end of the bars' axis, in shares of a limit."""
+_AXIS_END_PER_BAR = 1.05
+"""End of the bars' axis, in units of the largest bar."""
 
 
 def movie(
@@ -272,7 +276,8 @@ class _Bars:
         robot = motion.load.with_load
         limits = np.where(motion.limits.effort > 0, motion.limits.effort, np.inf)
         self.has_limit = np.isfinite(limits)
-        self.scale = np.where(self.has_limit, limits, np.maximum(motion.peaks, 1e-9))  # torque of a full bar
+        peaks = np.maximum(motion.peaks, 1e-9)  # not divided by zero
+        self.scale = np.where(self.has_limit, limits, peaks)  # torque of a full bar
         peak_shares = np.where(self.has_limit, motion.peaks / self.scale, -1.0)  # joints without a limit come last
         nearest_to_limit = np.argsort(-peak_shares, kind="stable")[:_MAX_BARS]
         self.joints = np.sort(nearest_to_limit)
@@ -283,10 +288,10 @@ class _Bars:
         self.bars = axis.barh(rows, np.zeros(len(names)), height=0.62)
         axis.axvline(0, color=style.AXIS, linewidth=0.7)
         largest_bar = float(np.max(motion.peaks / self.scale, initial=0.0))
-        reach = max(_MIN_REACH, _SPACE * largest_bar)
+        axis_end = max(_MIN_AXIS_END, _AXIS_END_PER_BAR * largest_bar)
         for side in (-1, 1):
             axis.axvline(side, **style.LIMIT)
-        axis.set_xlim(-reach, reach)
+        axis.set_xlim(-axis_end, axis_end)
         axis.set_yticks(rows, names, fontsize=style.SMALL_FONT)
         axis.set_ylim(max(len(rows), _MIN_ROWS) - 0.4, -0.6)  # first joint at the top
         axis.grid(visible=False, axis="y")

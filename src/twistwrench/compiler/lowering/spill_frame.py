@@ -100,7 +100,7 @@ class SpillFrame:
                 if last_use < end:  # no later part uses the value
                     continue
                 if number in self.entries:
-                    slots[number] = self.entries[number][0]
+                    slots[number] = self.entries[number][0]  # equal entries: any of them
                     continue
                 if not free_slots:
                     free_slots.append(size)
@@ -180,12 +180,12 @@ def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str
     return label
 
 
-def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
+def zero_tiles(name: str, is_zero: Sequence[bool], span: int) -> str:
     """Constant table with 1 for each tile of a row that is all zero, else 0; empty if no tile is all zero.
 
-    ``zero`` is True for each zero column, and ``span`` is the number of columns of a tile.
+    ``is_zero`` tells the columns that are zero, and ``span`` is the number of columns of a tile.
     """
-    tiles = [zero[first : first + span] for first in range(0, len(zero) - span + 1, span)]
+    tiles = [is_zero[first : first + span] for first in range(0, len(is_zero) - span + 1, span)]
     is_zero_tile = [int(all(tile)) for tile in tiles]
     if not any(is_zero_tile):
         return ""

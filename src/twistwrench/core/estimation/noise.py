@@ -92,28 +92,28 @@ def quantum(parts: Sequence[Array]) -> float:
     enough kinks, which are places with large third differences.
     """
     values = np.concatenate(parts)
-    size = float(np.abs(values).max(initial=0.0))
+    largest_value = float(np.abs(values).max(initial=0.0))
     increments = np.concatenate([np.abs(np.diff(part)) for part in parts])
-    increments = increments[increments > _MAX_INCREMENT_ROUND_OFF * size]
+    increments = increments[increments > _MAX_INCREMENT_ROUND_OFF * largest_value]
     if increments.size == 0:
         return 0.0
-    grid = max(_common_step(increments), _decimal_grid(values, size))
+    grid = max(_common_step(increments), _decimal_grid(values, largest_value))
     kink_count = 0
     for part in parts:
-        is_kink = np.abs(np.diff(part, 3)) > 0.5 * grid
+        is_kink = np.abs(np.diff(part, 3)) > 0.5 * grid  # on a grid it is 0 or a whole grid step
         kink_count += int(is_kink.sum())
     if kink_count >= _MIN_KINKS:
         return grid
     return 0.0
 
 
-def _decimal_grid(values: Array, size: float) -> float:
+def _decimal_grid(values: Array, largest_value: float) -> float:
     """Coarsest power of ten of which all values are multiples; 0 without one."""
     for decimals in range(_MAX_DECIMALS + 1):
         scale = 10.0**decimals
         scaled = values * scale
         distances = np.abs(np.round(scaled) - scaled)
-        max_distance = _MAX_DECIMAL_ERROR * max(size * scale, 1.0)
+        max_distance = _MAX_DECIMAL_ERROR * max(largest_value * scale, 1.0)
         if (distances <= max_distance).all():
             return 10.0**-decimals
     return 0.0
@@ -137,7 +137,7 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
     white noise. The contribution of smooth motion decreases with the order, so the minimum over several orders is used.
     A few glitches do not count as noise. Rounding to the columns' grids ``quanta`` (k,) counts.
     """
-    size = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)  # (k,)
+    largest_values = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)  # (k,)
     grid_effect = _GRID_STEPS * np.asarray(quanta)
     sigma = np.full(parts[0].shape[1], np.inf)
     for order in ORDERS:
@@ -145,7 +145,7 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
         if residuals:
             sigma_of_order = deviation(np.concatenate(residuals), grid_effect)
             sigma = np.minimum(sigma, sigma_of_order)
-    is_noise = np.isfinite(sigma) & (sigma > _MAX_ROUND_OFF * size)
+    is_noise = np.isfinite(sigma) & (sigma > _MAX_ROUND_OFF * largest_values)
     return np.asarray(np.where(is_noise, sigma, 0.0))
 
 

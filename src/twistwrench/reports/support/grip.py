@@ -130,7 +130,8 @@ def _holder_entries(kind: Kind, given: HolderGiven) -> dict[str, Any]:
 def _fingers(force: float, friction: float, axis: Array, width: float, pad: Any) -> tuple[Contact, ...]:
     """Contacts of two pads that face each other along an axis; ``pad`` has two sides [m], ``width`` is their distance [m]."""
     signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])  # of the four corners
-    corners = 0.5 * (signs * [pad[0], pad[1]]) @ tangents(axis)  # about the middle of a pad
+    sides = np.array([pad[0], pad[1]])
+    corners = 0.5 * (signs * sides) @ tangents(axis)  # about the middle of a pad
     contacts: list[Contact] = []
     for side in (-1.0, 1.0):
         pad_corners = corners - side * 0.5 * width * axis
@@ -229,7 +230,7 @@ class GripSupport:
 
     def table(self) -> Table:
         """Table of the forces that the payload needs."""
-        finite_forces = np.where(np.isfinite(self.needed), self.needed, -1.0)
+        finite_forces = np.where(np.isfinite(self.needed), self.needed, -1.0)  # infinite ones never the largest
         k = int(finite_forces.argmax())
         return Table(
             "Grip",
@@ -251,9 +252,9 @@ def _rounded_up(force: float) -> str:
     if force <= 0:
         return number(0.0)
     exponent = math.floor(math.log10(force))
-    unit = 10.0 ** (exponent - 2)  # of the third digit
-    units = math.ceil(force / unit * (1 - 1e-9))  # not up by a rounding error
-    return number(units * unit, 3)
+    third_digit = 10.0 ** (exponent - 2)  # its value [N]
+    count = math.ceil(force / third_digit * (1 - 1e-9))  # not up by a rounding error
+    return number(count * third_digit, 3)
 
 
 def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array) -> GripSupport:
@@ -294,7 +295,7 @@ def _payload_wrenches(G: Array, robot: Any, motion: Motion, frame: str) -> tuple
     R = np.asarray(robot.forward_kinematics(motion.q, frame))[:, :3, :3]
     g = np.einsum("nji,j->ni", R, robot.model.gravity)
     free_fall = np.concatenate([np.zeros_like(g), g], axis=1)  # (0, g)
-    P = V @ G.T
+    P = V @ G.T  # momentum G V
     w, v = V[:, :3], V[:, 3:]
     angular, linear = P[:, :3], P[:, 3:]
     bias = np.concatenate([np.cross(angular, w) + np.cross(linear, v), np.cross(linear, w)], axis=1)  # ad(V)' P

@@ -272,7 +272,7 @@ def export_st(
         description = _description(robot, request, torque)
         texts.append(function_block(name, request, description))
     if style == "codesys":
-        block, request = blocks[0]
+        ((block, request),) = blocks  # inverse_dynamics alone
         texts.append(_codesys_wrapper(scope.free(f"{prefix}_dynamics"), block, request))
     if test:
         texts.append(_test_program(robot, scope.free(f"{prefix}_TEST"), blocks))
@@ -310,7 +310,7 @@ def _description(robot: Robot, request: Request, torque: str) -> list[str]:
     """Comment lines of one block."""
     lines = comment_lines(robot, request)
     if torque == "motor":
-        lines[0] = (
+        lines[0] = (  # in place of the title of inverse dynamics
             "Motor torques: inverse dynamics at the shafts of the motors, (torque through the gear at its efficiency + rotor) "
             "/ ratio."
         )
@@ -373,20 +373,22 @@ def _block_test(
     checks: list[str] = []  # statements that compare the outputs
     assignments: list[str] = []  # of the call
     ports = (*program.inputs, *program.outputs)
-    for number, (parameter, port, values) in enumerate(zip(parameters, ports, (*inputs, *results), strict=True)):
+    port_values = (*inputs, *results)
+    for port_index, (parameter, port, values) in enumerate(zip(parameters, ports, port_values, strict=True)):
         table = scope.free(f"{block}_{parameter}_data")
+        # Only in expressions do negative numbers need parentheses.
         literals = [real_literal(float(x), precision).strip("()") for x in np.ravel(values)]
         declarations.append(f"    {table} : {_array_type(STATES * port.size, real)} := [")
         declarations += _wrap(literals, "];", each=False)
         loop = f"    FOR {i} := 0 TO {port.size - 1} DO"
         entry = f"{table}[{port.size} * {k} + {i}]"
-        if number < input_count:
+        if port_index < input_count:
             array = scope.free(f"{block}_{parameter}")
             assignments.append(f"{parameter} := {array}")
             declarations.append(f"    {array} : {_array_type(port.size, real)};")
             loads += [loop, f"        {array}[{i}] := {entry};", "    END_FOR;"]
             continue
-        allowed_difference = largest_entry(np.asarray(values)) * tolerances[number - input_count]
+        allowed_difference = largest_entry(np.asarray(values)) * tolerances[port_index - input_count]
         allowed = real_literal(allowed_difference, precision)
         checks += [
             loop,

@@ -59,7 +59,7 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     """
     outcome = f"{number(result.times[-1], 6)} s" if result.completed else result.stopped
     if len(outcome) >= _MAX_OUTCOME_LETTERS:
-        outcome = f"{outcome[: _MAX_OUTCOME_LETTERS - 2]}…"
+        outcome = f"{outcome[: _MAX_OUTCOME_LETTERS - 2]}…"  # below the limit with the ellipsis
     title = f"{result.robot} · {result.method} · {outcome}"
     panels = _coordinates_by_panel(result)
     heights = [_PANEL_HEIGHT] * len(panels) + [_PANEL_HEIGHT, _DRIFT_HEIGHT]
