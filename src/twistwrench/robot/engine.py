@@ -318,7 +318,8 @@ class Engine:
             return
         from ..compiler.runtime.dispatch import CallSignature
 
-        kernel = self._called_kernels[key[0] if options else name]
+        kernel_key_of_call = (name, *options.values()) if options else name
+        kernel = self._called_kernels[kernel_key_of_call]
         signature = CallSignature(tuple(options.items()), batch_shape, type_char)
         call_count = earlier_calls + 1
         is_settled = offer(name, kernel, signature, call_count)

@@ -74,7 +74,8 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
         """Whitened columns (N, k) of length 1; zero columns are left out."""
         whitened = (columns[kept] / scale[..., None]).reshape(e.size, -1)
         lengths = np.linalg.norm(whitened, axis=0)
-        return np.asarray(whitened[:, lengths > 0] / lengths[lengths > 0])
+        is_nonzero = lengths > 0
+        return np.asarray(whitened[:, is_nonzero] / lengths[is_nonzero])
 
     basis = orthonormal(unit_columns(fit.design))
     columns_by_kind = _candidates(problem, fit)

@@ -127,7 +127,8 @@ def film(
     for t in frame_times[::frame_step]:
         q, _ = motion.at(t)
         overview_poses.append(q)
-    painter = Painter(scene, *overview(scene, np.array(overview_poses)))
+    camera, floor_height = overview(scene, np.array(overview_poses))
+    painter = Painter(scene, camera, floor_height)
     with replacing(target) as scratch, style.figure(_WIDTH, _HEIGHT, robot.name, "Filming a motion") as drawn:
         drawn.set_dpi(_PIXELS_PER_INCH)
         left_figure, right_figure = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))

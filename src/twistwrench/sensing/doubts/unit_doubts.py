@@ -140,7 +140,7 @@ def _tool_bounds(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) 
     """(3, 3): lower bound, estimate and upper bound of mass [kg], distance of the centre of mass [m], noise ratio [1/m]."""
     from scipy import special
 
-    mass = float(result.fit.load[0])  # the first of ten parameters
+    mass = float(result.fit.load[0])  # the first parameter of the load
     mass_freedom = float(result.fit.known[result.fit.unknowns.load.start])
     t = float(special.stdtrit(min(mass_freedom, _MAX_FREEDOM), 1 - MISS_PROBABILITY))
     mass_error = t * result.fit.mass_deviation
