@@ -118,9 +118,11 @@ def _largest_zero_text(found: CalibratedRobot) -> str:
     joint = max(size_by_joint, key=size_by_joint.__getitem__)
     value, half_width = found.zeros[joint]
     chain = found.fit.problem.chain
-    factor, unit = _MILLI, " mm"
+    factor = _MILLI
+    unit = " mm"
     if chain.turning[chain.joints.index(joint)]:
-        factor, unit = math.degrees(1.0), "°"
+        factor = math.degrees(1.0)
+        unit = "°"
     value_text, half_width_text = estimate(factor * value, factor * half_width)
     return f"; largest: zero of {joint} off by {value_text} ± {half_width_text}{unit}"
 

@@ -260,7 +260,7 @@ def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Arra
     """
     means = np.zeros_like(e)
     for j in range(e.shape[1]):
-        edges = np.quantile(q[:, j], [1.0 / 3.0, 2.0 / 3.0])
+        edges = np.quantile(q[:, j], [1.0 / 3.0, 2.0 / 3.0])  # of the thirds
         sign_number = (np.sign(dq[:, j]) + 1.0).astype(int)  # 0, 1, 2
         third = np.searchsorted(edges, q[:, j])
         cell = 3 * sign_number + third
@@ -302,14 +302,16 @@ def smallest_force(observer: MomentumObserver, q: Array, threshold: Array) -> fl
     to (1 - exp(-K t)) J' d after the time t.
     """
     poses = q[:: max(1, len(q) // _MAX_POSES)]
-    J = np.asarray(observer.robot.jacobian(poses))[:, 3:]  # linear rows (n, 3, nv)
-    torques = np.einsum("di,kij->kdj", _DIRECTIONS, J)  # by 1 N in each direction
+    J = np.asarray(observer.robot.jacobian(poses))
+    J_v = J[:, 3:]  # linear rows (n, 3, nv)
+    torques = np.einsum("di,kij->kdj", _DIRECTIONS, J_v)  # by 1 N in each direction
     reached_share = -np.expm1(-observer.gain * _MAX_DETECTION_TIME)  # 1 - exp(-K t)
     residuals = torques * reached_share
     shares = (np.abs(residuals) / threshold).max(axis=2)  # of the joint nearest to its threshold
     min_shares = shares.min(axis=1)  # in the worst direction
     is_sensitive = min_shares > _MIN_SENSITIVITY * shares.max()
-    forces = np.where(is_sensitive, 1.0 / np.maximum(min_shares, 1e-300), np.inf)
+    divisors = np.maximum(min_shares, 1e-300)  # not zero
+    forces = np.where(is_sensitive, 1.0 / divisors, np.inf)
     return float(np.median(forces))
 
 

@@ -228,12 +228,12 @@ class Continuity:
     def from_parts(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
         """Columns with jumps, from excerpts of q (n, nq); ``turn``, () or (nq,), is a full turn in the excerpts' units."""
         rows = np.concatenate(parts)
-        smallest = rows.min(axis=0, initial=math.inf)
-        largest = rows.max(axis=0, initial=-math.inf)
+        smallest_q = rows.min(axis=0, initial=math.inf)
+        largest_q = rows.max(axis=0, initial=-math.inf)
         half_turn = 0.5 * np.asarray(turn)
         tolerance = _TURN_TOLERANCE * half_turn
-        is_about_zero = (smallest >= -half_turn - tolerance) & (largest <= half_turn + tolerance)
-        is_above_zero = (smallest >= -tolerance) & (largest <= turn + tolerance)
+        is_about_zero = (smallest_q >= -half_turn - tolerance) & (largest_q <= half_turn + tolerance)
+        is_above_zero = (smallest_q >= -tolerance) & (largest_q <= turn + tolerance)
         is_within_turn = is_about_zero | is_above_zero
         is_bounded = coordinates.angular & ~coordinates.endless
         return cls(coordinates.endless & is_within_turn, coordinates.quaternions, is_bounded & is_within_turn)

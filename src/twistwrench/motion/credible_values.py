@@ -290,12 +290,13 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
     if weight_share(robot, turning_entries, effort) < _MAX_ROUNDING_SHARE:
         return ""
     arm_efforts = tuple(effort[arm].tolist())
-    smallest, largest = min(arm_efforts), max(arm_efforts)
-    if smallest == largest:
-        efforts_text = f"effort {number(largest)} on all {len(arm)} joints"
+    min_effort = min(arm_efforts)
+    max_effort = max(arm_efforts)
+    if min_effort == max_effort:
+        efforts_text = f"effort {number(max_effort)} on all {len(arm)} joints"
         pronoun = "it"
     else:
-        efforts_text = f"efforts of {number(smallest)} to {number(largest)}"
+        efforts_text = f"efforts of {number(min_effort)} to {number(max_effort)}"
         pronoun = "them"
     for name, efforts in _EFFORTS_OF_ARMS.items():
         if arm_efforts == efforts:
@@ -307,7 +308,8 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
 
 def weight_share(robot: Robot, entries: list[int], effort: Array) -> float:
     """Largest ratio of gravity torque to effort (nv,) over some entries of τ, at the worst of random poses."""
-    shares = weight_torques(robot)[entries] / effort[entries]
+    torques = weight_torques(robot)
+    shares = torques[entries] / effort[entries]
     return float(shares.max())
 
 

@@ -132,7 +132,7 @@ _MIN_GAP = 2
 def _description(name: str) -> str:
     """First line of the docstring of a bundled robot, without its remark on options."""
     docstring = getattr(robots, name).__doc__ or ""
-    first_line = docstring.strip().split("\n")[0]
+    first_line, *_ = docstring.strip().split("\n")
     description, _, _ = first_line.partition("; options as")
     return description.replace("``", "")
 

@@ -178,7 +178,8 @@ def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
     for kind, is_possible in possible.items():
         if is_possible and not getattr(fit.unknowns, kind):
             unknowns = problem.with_unknowns(**{kind: True}).unknowns
-            columns[kind] = unknowns.design(log, problem.factor, state)[..., unknowns.part(kind)]
+            design = unknowns.design(log, problem.factor, state)
+            columns[kind] = design[..., unknowns.part(kind)]
     gain_columns = np.einsum("nk,cd->ncdk", _load_wrenches(fit), np.eye(_CHANNELS))
     columns["gain"] = gain_columns.reshape(len(log), _CHANNELS, _CHANNELS**2)
     return columns
@@ -199,7 +200,8 @@ def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, expla
     found: dict[str, Any] = {"share": share}
     if kind in ("drift", "gain"):
         change = listed_bias(explained[-1] - explained[0])
-        size = percent(largest_share(explained, _load_wrenches(fit)[kept]), 2)
+        load_wrenches = _load_wrenches(fit)
+        size = percent(largest_share(explained, load_wrenches[kept]), 2)
         return doubt(f"sensor-{kind}", bias=change, size=size, share=percent(share), found=found)
     scale = fit.deviation[kept]
     A = np.concatenate([columns[kept], fit.design[kept]], axis=-1) / scale[..., None]

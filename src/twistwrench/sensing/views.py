@@ -201,12 +201,12 @@ def _heading(log: ReadingLog, sign: str) -> Line:
 
 def _readings_table(log: ReadingLog, compensated: Array, kept: Array) -> Table:
     """Root mean squares of the kept readings before and after compensation."""
-    before = np.sqrt(np.mean(log.readings[kept] ** 2, axis=0))
-    after = np.sqrt(np.mean(compensated[kept] ** 2, axis=0))
+    rms_before = np.sqrt(np.mean(log.readings[kept] ** 2, axis=0))
+    rms_after = np.sqrt(np.mean(compensated[kept] ** 2, axis=0))
     columns = []
     show_number = partial(number, decimals=4)
-    for axis, before_value, after_value in zip(WRENCH, before, after, strict=True):
-        columns.append(numbers(axis, [before_value, after_value], show_number, _unit(axis), headed=False))
+    for axis, before, after in zip(WRENCH, rms_before, rms_after, strict=True):
+        columns.append(numbers(axis, [before, after], show_number, _unit(axis), headed=False))
     heading = f"Readings, root mean square [{heading_unit('tau', (True, False))}]"
     return Table(heading, words("", ["before", "after"], fold=False), *columns)
 

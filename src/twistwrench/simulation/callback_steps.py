@@ -176,7 +176,8 @@ class CallbackRows:
 
     def _begin(self, steps: CompiledSteps, controller: ControlLaw | None, constant: Array) -> None:
         """Set the numbers and callbacks of a run; ``constant`` are its constant torques (nv,)."""
-        laws, n = steps.laws, self.calls_per_step
+        laws = steps.laws
+        n = self.calls_per_step
         self._h[0] = steps.h
         self.held[:] = constant
         for name, x in steps.constants.items():

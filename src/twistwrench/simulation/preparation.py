@@ -246,12 +246,12 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
     if dq0 is not None:
         y[system.moving] = _initial_values(dq0, "dq0", robot.model.velocity_names)
     for quaternion in robot.model.quaternions:
-        largest = float(np.abs(y[quaternion]).max())
-        if largest == 0.0:
+        largest_entry = float(np.abs(y[quaternion]).max())
+        if largest_entry == 0.0:
             raise ValueRangeError(
                 "q0 has a quaternion of zeros, which is not a rotation; the identity is (1, 0, 0, 0)."
             )
-        y[quaternion] /= largest  # scaled first: the square may overflow or underflow
+        y[quaternion] /= largest_entry  # scaled first: the square may overflow or underflow
     system.manifold.normalise(y[: robot.nq])
     return y
 

@@ -219,7 +219,7 @@ def _validated_fields(content: Any) -> dict[str, Any]:
     """Text fields, error estimate and events from the JSON of a file; raises TrajectoryError unless they have their types."""
     if not isinstance(content, dict):
         raise _content_error("a text field")
-    content = {**_LATER_FIELDS, **content}  # older files lack them
+    content = {**_LATER_FIELDS, **content}  # older files lack the later fields
     fields: dict[str, Any] = {}
     for name, field_type in _TEXT_FIELDS.items():
         value = content.get(name)

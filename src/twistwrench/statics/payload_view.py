@@ -75,10 +75,10 @@ def findings(report: PayloadReport) -> list[tuple[Word, tuple[str, ...]]]:
 
 def _headline(report: PayloadReport) -> Headline:
     """Verdict with its reasons; further words and the largest payload below it."""
-    first, *others = findings(report)
-    verdict, reasons = first
+    first_finding, *other_findings = findings(report)
+    verdict, reasons = first_finding
     further_lines = []
-    for word, reasons_of_word in others:
+    for word, reasons_of_word in other_findings:
         further_lines.append(Line((str(word), word_style(word)), f": {'; '.join(reasons_of_word)}."))
     if verdict is not Word.OK and report.largest.holds and report.judged:
         sentence = _largest_payload_sentence(report)

@@ -131,7 +131,8 @@ def film(
     painter = Painter(scene, camera, floor_height)
     with replacing(target) as scratch, style.figure(_WIDTH, _HEIGHT, robot.name, "Filming a motion") as drawn:
         drawn.set_dpi(_PIXELS_PER_INCH)
-        left_figure, right_figure = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))
+        subfigures = drawn.subfigures(1, 2, width_ratios=[1.9, 1.0])  # robot, bars
+        left_figure, right_figure = cast("Any", subfigures)
         stage = _Stage(left_figure.subplots(), painter)
         bars = _Bars(right_figure.subplots(), motion)
         if motion.report is not None:  # torques were judged
@@ -238,9 +239,9 @@ def gif_writer(fps: int) -> Any:
             for k, picture in enumerate(samples):
                 column.paste(picture, (0, k * height))
             palette = column.quantize(_COLOURS_IN_GIF, kmeans=1)
-            first, *others = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
-            milliseconds = round(1000 / self.fps)
-            first.save(self.outfile, save_all=True, append_images=others, duration=milliseconds, loop=0)
+            frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+            milliseconds = round(1000 / self.fps)  # of a frame
+            frames[0].save(self.outfile, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
 
     return Writer(fps=fps)
 
@@ -252,13 +253,13 @@ class _Stage:
         from matplotlib.collections import LineCollection, PolyCollection
 
         self.painter = painter
-        size = painter.camera.distance / CAMERA_DISTANCE  # of the visible region [m]
+        region_size = painter.camera.distance / CAMERA_DISTANCE  # [m]
         axis.set_axis_off()
         axis.set_aspect("equal")
-        axis.set_xlim(-_HALF_WIDTH * size, _HALF_WIDTH * size)
-        axis.set_ylim(-_HALF_HEIGHT * size, _HALF_HEIGHT * size)
+        axis.set_xlim(-_HALF_WIDTH * region_size, _HALF_WIDTH * region_size)
+        axis.set_ylim(-_HALF_HEIGHT * region_size, _HALF_HEIGHT * region_size)
         self.polygons = axis.add_collection(PolyCollection([], linewidths=0.25, zorder=2))
-        floor_lines = list(painter.grid(_GRID_SIZE * size))
+        floor_lines = list(painter.grid(_GRID_SIZE * region_size))
         axis.add_collection(LineCollection(floor_lines, colors=style.FLOOR, linewidths=0.6, zorder=1))
 
     def show(self, q: Array) -> None:

@@ -80,9 +80,9 @@ class SpillFrame:
             if op != "const":
                 continue
             if runs:
-                first, count, run_value = runs[-1]
-                if first + count == k and run_value == value:  # goes on
-                    runs[-1] = first, count + 1, value
+                first_entry, count, run_value = runs[-1]
+                if first_entry + count == k and run_value == value:  # the run goes on
+                    runs[-1] = first_entry, count + 1, value
                     continue
             runs.append((k, 1, value))
         return runs
@@ -205,10 +205,10 @@ def _store_tile(w: LlvmWriter, base: str, columns: int, first_column: str, first
 def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name: str = "prepare") -> str:
     """Text of a function that stores constant result entries in the frame, once for all blocks: no block overwrites them."""
     label = "entry"
-    for first, count, value in constants:
+    for first_entry, count, value in constants:
         with w.loop(str(count), label) as k:
             vector = w.splat(value)
-            slot = w.new(f"add i64 {k}, {first}")
+            slot = w.new(f"add i64 {k}, {first_entry}")
             store_slot(w, vector, slot)
         label = w.after
     body = "\n".join(w.lines)

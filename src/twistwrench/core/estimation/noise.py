@@ -121,12 +121,13 @@ def _decimal_grid(values: Array, largest_value: float) -> float:
 
 def _common_step(increments: Array) -> float:
     """Smallest increment if nearly all of enough small increments are its multiples; else 0."""
-    smallest = float(increments.min())
-    ratios = increments[increments < _MAX_SMALL_RATIO * smallest] / smallest
+    smallest_increment = float(increments.min())
+    small_increments = increments[increments < _MAX_SMALL_RATIO * smallest_increment]
+    ratios = small_increments / smallest_increment
     is_multiple = np.abs(ratios - np.round(ratios)) < _MAX_RATIO_ERROR
     if ratios.size < _MIN_SMALL_INCREMENTS or is_multiple.mean() < _MIN_MULTIPLE_SHARE:
         return 0.0
-    single_steps = increments[increments < _MAX_SINGLE_RATIO * smallest]
+    single_steps = increments[increments < _MAX_SINGLE_RATIO * smallest_increment]
     return float(np.median(single_steps))
 
 

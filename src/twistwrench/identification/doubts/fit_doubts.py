@@ -48,7 +48,8 @@ def reading_doubts(doubts: Iterable[Doubt], log: str = "") -> Iterator[Doubt]:
             continue
         level = found.level
         sentence = found.sentence
-        if "identify" not in doubt_table()[found.kind].reads:
+        table_row = doubt_table()[found.kind]
+        if "identify" not in table_row.reads:
             level = "note"
         if log:
             sentence = f"{log}: {sentence}"
@@ -305,10 +306,10 @@ def _negative_matters(fit: FittedLog, groups: Array) -> bool:
         other_fifths = total - fifth
         A = other_fifths.N.sum(axis=0)
         b = other_fifths.c.sum(axis=0)
-        kept = np.delete(np.arange(len(b)), groups)
-        prior = Prior(fit.prior.mean[kept], fit.prior.size[kept])
+        kept_groups = np.delete(np.arange(len(b)), groups)
+        prior = Prior(fit.prior.mean[kept_groups], fit.prior.size[kept_groups])
         x_with_zeros = np.zeros(len(b))
-        x_with_zeros[kept] = prior.solve(A[np.ix_(kept, kept)], b[kept])
+        x_with_zeros[kept_groups] = prior.solve(A[np.ix_(kept_groups, kept_groups)], b[kept_groups])
         squares += fifth.squares(fit.prior.solve(A, b))
         squares_with_zeros += fifth.squares(x_with_zeros)
     is_higher = squares_with_zeros > (1.0 + _MIN_RESIDUAL_RISE) ** 2 * squares
@@ -451,7 +452,7 @@ def _largest_at(held: HeldOut, joint: int) -> str:
         if is_of_several_logs:
             return ""
         if len(rows.time):
-            residual = np.abs(rows.measured - rows.predicted)[:, joint]
+            residual = np.abs(rows.measured[:, joint] - rows.predicted[:, joint])
             k = int(residual.argmax())
             if residual[k] > largest_residual:
                 largest_residual = float(residual[k])

@@ -173,9 +173,9 @@ class _JointFit:
         is_moving = speed > _MIN_SPEED
         X = columns[is_moving]
         y = error[is_moving]
-        size = np.linalg.norm(X, axis=0) + 1e-300  # not divided by zero
-        scaled_x, *_ = np.linalg.lstsq(X / size, y, rcond=None)
-        x = scaled_x / size
+        norms = np.linalg.norm(X, axis=0) + 1e-300  # not divided by zero
+        scaled_x, *_ = np.linalg.lstsq(X / norms, y, rcond=None)
+        x = scaled_x / norms
         return cls(x, X, y - X @ x, block[is_moving])
 
 

@@ -350,7 +350,7 @@ def pose_log(T: Array) -> tuple[Array, Any]:
     """V with exp [V] = T and |ω| ≤ π, and the squared deviation of T from a pose. MR eq. 3.92."""
     w, square_deviation = rotation_log(T[:3, :3])
     v = slide(w, T[:3, 3], -0.5, cotangent_quotient(w @ w))
-    last_row_error = T[3] - np.eye(4)[3]
+    last_row_error = T[3] - np.array([0.0, 0.0, 0.0, 1.0])
     return np.concatenate([w, v]), square_deviation + last_row_error @ last_row_error
 
 

@@ -66,8 +66,8 @@ def grouped(remarks: Iterable[str]) -> list[str]:
     for remark in first_remarks:
         sentence = str(remark)
         if isinstance(remark, ModelNote) and later_subjects[remark.predicate]:
-            others = listed(later_subjects[remark.predicate], _MAX_LISTED_SUBJECTS)
-            sentence += f"; the same of {others}"
+            other_subjects = listed(later_subjects[remark.predicate], _MAX_LISTED_SUBJECTS)
+            sentence += f"; the same of {other_subjects}"
         joined_remarks.append(sentence)
     return joined_remarks
 

@@ -292,12 +292,14 @@ def _payload_wrenches(G: Array, robot: Any, motion: Motion, frame: str) -> tuple
     """
     V = np.asarray(robot.frame_velocity(motion.q, motion.dq, frame))
     A = np.asarray(robot.frame_acceleration(motion.q, motion.dq, motion.ddq, frame))
-    R = np.asarray(robot.forward_kinematics(motion.q, frame))[:, :3, :3]
+    T = np.asarray(robot.forward_kinematics(motion.q, frame))
+    R = T[:, :3, :3]
     g = np.einsum("nji,j->ni", R, robot.model.gravity)
     free_fall = np.concatenate([np.zeros_like(g), g], axis=1)  # (0, g)
     P = V @ G.T  # momentum G V
     w, v = V[:, :3], V[:, 3:]
     angular, linear = P[:, :3], P[:, 3:]
-    bias = np.concatenate([np.cross(angular, w) + np.cross(linear, v), np.cross(linear, w)], axis=1)  # ad(V)' P
+    bias_moment = np.cross(angular, w) + np.cross(linear, v)
+    bias = np.concatenate([bias_moment, np.cross(linear, w)], axis=1)  # ad(V)' P
     weight = free_fall @ G.T
     return weight - A @ G.T + bias, weight

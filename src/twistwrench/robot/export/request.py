@@ -262,8 +262,8 @@ class BridgedQuantity:
         for shape, port in zip(shapes, ports, strict=True):
             batch_rank = len(shape) - len(port.shape)
             if batch_rank < 0 or shape[batch_rank:] != port.shape:
-                wanted = ", ".join(["…", *map(str, port.shape)])  # of any batch
-                raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
+                shape_text = ", ".join(["…", *map(str, port.shape)])  # of any batch
+                raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({shape_text}) wanted.")
             batch_shapes.append(shape[:batch_rank])
         different_shapes = set(batch_shapes)
         if len(different_shapes) <= 1:

@@ -132,8 +132,8 @@ def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) ->
 def _overlap(bounds: Array, ranges: Array) -> Array:
     """Mask (3,) of the quantities whose lower and upper bounds overlap a range of tools."""
     lower_bounds, _, upper_bounds = bounds.T
-    smallest, largest = ranges.T
-    return np.asarray((lower_bounds <= largest) & (upper_bounds >= smallest))
+    range_begins, range_ends = ranges.T
+    return np.asarray((lower_bounds <= range_ends) & (upper_bounds >= range_begins))
 
 
 def _tool_bounds(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Array:
