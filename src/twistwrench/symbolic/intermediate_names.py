@@ -220,9 +220,9 @@ def _joint_column(names: Definitions, R: Array, k: int, body: Any, body_entries:
             return R.T @ exact(R_placement @ vector)
 
         return joint.chart_column(k - body.v_index, in_child_axes, chart_waves(names, body))
-    ratio = (
-        exact(body.ratio) if joint.moves_body else names.number(body_entries.ratio)
-    )  # a symbol for the gear of a rotor
+    ratio = exact(body.ratio)
+    if not joint.moves_body:
+        ratio = names.number(body_entries.ratio)  # a symbol for the gear of a rotor
     w = ratio * exact(joint.axes[0, :3])
     if not joint.axes[0, :3].any():
         return w, exact(body.ratio) * exact(joint.axes[0, 3:])
