@@ -183,7 +183,8 @@ def _are_protractor_angles(values: Array) -> bool:
     if not is_whole.all() or values.max(initial=0.0) < _QUARTER_TURN:
         return False
     are_different = np.ptp(values) > 0.0
-    return bool(are_different or values[0] % _QUARTER_TURN == 0.0)
+    first_is_quarter_turns = values[0] % _QUARTER_TURN == 0.0  # then all are, if they are equal
+    return bool(are_different or first_is_quarter_turns)
 
 
 def _effort_unit_doubts(limits: Limits, robot: Robot) -> list[Doubt]:

@@ -227,7 +227,8 @@ def _inertias_table(model: Model, level: Level) -> Table:
     links, carriers, masses, centres, moments = [], [], [], [], []
     for link, inertia in _links_with_mass(model).items():
         links.append(link)
-        carriers.append(link_of(model, body_of_link(model, link)))
+        carrier = body_of_link(model, link)
+        carriers.append(link_of(model, carrier))
         masses.append(inertia.mass)
         centres.append(" ".join(map(number, inertia.com)))
         principal_moments, *_ = inertia.principal()

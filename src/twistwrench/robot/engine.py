@@ -194,7 +194,8 @@ class Engine:
         for body in self.model.leaders:
             joint_of_velocity += [body.joint.name] * body.joint.nv
         # With ones on its diagonal, M is compared without regard to the joints' units.
-        root_diagonal = np.sqrt(np.abs(np.diagonal(M)))
+        diagonal = np.abs(np.diagonal(M))
+        root_diagonal = np.sqrt(diagonal)
         scale = np.where(root_diagonal > 0, root_diagonal, 1.0)
         eigenvalues, eigenvectors = np.linalg.eigh(M / np.outer(scale, scale))
         is_null = np.abs(eigenvalues) <= _MAX_NULL_EIGENVALUE * self.model.nv

@@ -199,7 +199,7 @@ def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, expla
     """
     found: dict[str, Any] = {"share": share}
     if kind in ("drift", "gain"):
-        change = listed_bias(explained[-1] - explained[0])
+        change = listed_bias(explained[-1] - explained[0])  # from the first to the last reading
         load_wrenches = _load_wrenches(fit)
         size = percent(largest_share(explained, load_wrenches[kept]), 2)
         return doubt(f"sensor-{kind}", bias=change, size=size, share=percent(share), found=found)
@@ -209,7 +209,8 @@ def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, expla
     changes, *_ = np.linalg.lstsq(A.reshape(_CHANNELS * len(scale), -1), residuals, rcond=None)
     x = changes[: columns.shape[-1]]  # of the unknown
     if kind == "delay":
-        value = 1e3 * float(x[0])
+        (delay,) = x.tolist()  # [s]
+        value = 1e3 * delay
         unit = "ms"
     else:  # an angle
         value = math.degrees(float(np.linalg.norm(x)))

@@ -96,7 +96,8 @@ def _parameter_rows(found: Identification) -> Iterator[tuple[Any, ...]]:
             low, high = found.interval(f"drift {axis}")
             yield f"drift {axis}", f"{_unit(axis)}/{step_unit}", *_estimate_cells((low + high) / 2, (high - low) / 2)
     if unknowns.tilt:
-        tilt = math.degrees(np.linalg.norm(so3.log(found.fit.state.tilt)))
+        rotation_vector = so3.log(found.fit.state.tilt)
+        tilt = math.degrees(np.linalg.norm(rotation_vector))
         larger_half_width = max(half_width("tilt 1"), half_width("tilt 2"))
         yield "base tilted by", "°", *_estimate_cells(tilt, math.degrees(larger_half_width))
     if unknowns.delay:

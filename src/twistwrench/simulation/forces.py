@@ -229,7 +229,8 @@ def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str,
     inputs = [q0]
     if parameters:
         mass_matrix = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
-        inputs.append(np.stack(np.broadcast_arrays(*parameters.values()), axis=-1))
+        columns = np.broadcast_arrays(*parameters.values())
+        inputs.append(np.stack(columns, axis=-1))
     try:
         with np.errstate(all="ignore"):  # non-finite states end as unstable motions
             M = mass_matrix(*(np.asarray(x, float) for x in inputs))

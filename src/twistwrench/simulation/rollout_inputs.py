@@ -209,7 +209,9 @@ def validate_inputs(
     )
     inputs = [*law_inputs(robot, law), *limits]  # label, array, length of the last axis
     inputs += [(f"the wrench at {frame!r}", F, 6) for frame, F in wrench_by_frame.items()]
-    states = [state_of(robot, "q0", q0, robot.nq), state_of(robot, "dq0", dq0, robot.nv)]
+    q = state_of(robot, "q0", q0, robot.nq)
+    dq = state_of(robot, "dq0", dq0, robot.nv)
+    states = [q, dq]
     n, h, kept = _count_steps(dt, steps, duration, every, inputs)
     arrays_by_step = {label: _with_step_axis(label, x, size, n) for label, x, size in inputs}
     parameter_by_name = dict(zip(names, values, strict=True))
@@ -217,7 +219,7 @@ def validate_inputs(
     step_inputs = list(arrays_by_step.values())
     remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
     if plan.eases:
-        creep = creep_of_samples(robot, states[0], h, parameter_by_name)
+        creep = creep_of_samples(robot, q, h, parameter_by_name)
         step_inputs.append(creep[..., None, :])
         remark = easing_remark(robot.model, creep) if creep.size else None
         if remark:
@@ -233,7 +235,7 @@ def validate_inputs(
     for x in step_inputs:
         batched = _with_batch_axis(x.astype(dtype, copy=False), 2, batch)
         arrays.append(_with_all_steps(batched, n))
-    shapes: dict[str, tuple[int, ...] | None] = {"q0": states[0].shape, "dq0": states[1].shape}
+    shapes: dict[str, tuple[int, ...] | None] = {"q0": q.shape, "dq0": dq.shape}
     shapes |= {label: x.shape for label, x, _ in inputs}
     shapes |= {f"parameter {name}": x.shape for name, x in parameter_by_name.items()}
     if isinstance(law, GivenTorque) and law.tau is None:

@@ -238,8 +238,10 @@ class PathRows:
 
     def cap(self, s: Array) -> Cap:
         """Largest x at s (m,), the smaller one of both sides. MR figure 9.11: the velocity limit curve."""
-        left = self.cap_of(self.at(np.clip(s - _SIDE_DISTANCE, 0.0, 1.0)))
-        right = self.cap_of(self.at(np.clip(s + _SIDE_DISTANCE, 0.0, 1.0)))
+        left_s = np.clip(s - _SIDE_DISTANCE, 0.0, 1.0)
+        right_s = np.clip(s + _SIDE_DISTANCE, 0.0, 1.0)
+        left = self.cap_of(self.at(left_s))
+        right = self.cap_of(self.at(right_s))
         return Cap(
             np.minimum(left.x, right.x),
             np.minimum(left.velocity, right.velocity),

@@ -295,7 +295,8 @@ class _Bars:
             axis.axvline(side, **style.LIMIT)
         axis.set_xlim(-axis_end, axis_end)
         axis.set_yticks(rows, names, fontsize=style.SMALL_FONT)
-        axis.set_ylim(max(len(rows), _MIN_ROWS) - 0.4, -0.6)  # first joint at the top
+        row_count = max(len(rows), _MIN_ROWS)
+        axis.set_ylim(row_count - 0.4, -0.6)  # first joint at the top; 0.6 rows beyond the middle of the outer bars
         axis.grid(visible=False, axis="y")
         label = "torque / limit"
         if not self.has_limit[self.joints].all():

@@ -135,12 +135,13 @@ def shares_svg(shares: Shares) -> str:
     block_times = np.array([time[block].mean() for block in blocks])
     has_limit = (block_maxima >= 0).any(axis=0)
     top_share = max(_MIN_TOP_SHARE, _TOP_SPACE * float(block_maxima.max()))
-    duration = float(block_times[-1] - block_times[0])
+    elapsed = block_times - block_times[0]
+    duration = float(elapsed[-1])
     if duration == 0.0:  # a single block
         duration = 1.0
     plot_width = _WIDTH - _LEFT_MARGIN - _RIGHT_MARGIN
     plot_height = _HEIGHT - _BOTTOM_MARGIN
-    x = _LEFT_MARGIN + plot_width * (block_times - block_times[0]) / duration
+    x = _LEFT_MARGIN + plot_width * elapsed / duration
     x_texts = x.round(1).tolist()
 
     def y_of(share: Array | float) -> Any:

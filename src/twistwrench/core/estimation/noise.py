@@ -297,7 +297,8 @@ def _split_variance(errors: Array, speed: Array, *, rounding: float) -> tuple[fl
     """
     from scipy.optimize import lsq_linear
 
-    group_count = max(1, min(_MAX_GROUPS, len(errors) // _MIN_ROWS_PER_GROUP))
+    group_count = min(_MAX_GROUPS, len(errors) // _MIN_ROWS_PER_GROUP)
+    group_count = max(1, group_count)
     by_speed = np.argsort(np.abs(speed), kind="stable")
     floor = np.array([_GRID_STEPS * math.sqrt(12.0 * rounding)])
     variance = np.zeros(group_count)

@@ -210,7 +210,8 @@ def _drive_parameters(fit: _JointFit, armature: float) -> Array:
     if deviation > 0.0 and inverse_kp > _MIN_DEVIATIONS * deviation:  # the torque of the bodies determines 1/kp
         kp = 1.0 / inverse_kp
     else:
-        kp = armature / ratios[0]
+        armature_per_kp = ratios[0]
+        kp = armature / armature_per_kp
     return np.append(kp * ratios[:_TORQUE_COLUMN], kp)
 
 

@@ -269,13 +269,14 @@ def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array)
     T_sf = np.asarray(robot.forward_kinematics(motion.q, frame))
     T_sp = np.asarray(robot.forward_kinematics(motion.q, payload_frame))
     T_fp = se3.inverse(T_sf) @ T_sp
-    if np.abs(T_fp - T_fp[0]).max(initial=0.0) > _MAX_SHIFT_OF_PAYLOAD:
+    first_T_fp = T_fp[0]
+    if np.abs(T_fp - first_T_fp).max(initial=0.0) > _MAX_SHIFT_OF_PAYLOAD:
         raise ValueRangeError(
             f"{{0}}: the payload is at {payload_frame!r}, which moves against {frame!r}. Hold it at a frame that is fixed to "
             "it.",
             Argument(holder.kind),
         )
-    G = payload.inertia.in_frame(T_fp[0])
+    G = payload.inertia.in_frame(first_T_fp)
     wrenches, weights = _payload_wrenches(np.asarray(G.matrix), robot, motion, frame)
     support = hold(wrenches, holder.contacts, per_kilogram=wrenches / payload.mass, at_rest=weights)
     needed = holder.force * force_shares(wrenches, holder.contacts)

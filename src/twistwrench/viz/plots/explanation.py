@@ -217,7 +217,8 @@ def _draw_readings(axis: style.Axes, x: Array, values: Array, names: list[str], 
         axis.plot(x, values[:, k], color=_AXIS_COLOURS[k], label=name, **line_options)
     half_step = 0.5  # between two readings, in units of x
     if len(x) > 1:
-        half_step = 0.5 * float(np.median(np.abs(np.diff(x))))
+        steps = np.abs(np.diff(x))
+        half_step = 0.5 * float(np.median(steps))
     for k, (first, last) in enumerate(runs(marked)):
         label = mark if k == 0 else None  # one entry in the legend
         axis.axvspan(

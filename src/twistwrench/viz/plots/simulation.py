@@ -185,16 +185,18 @@ def plot_trajectory(
             subfigures = drawn.subfigures(1, 2, width_ratios=[1.25, 1])  # the time axes are wider
             left_figure, right_figure = cast("Any", subfigures)  # time, phase plane
         axes = left_figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
-        curves(axes[0], t, dq, bounds.velocity, names, "velocity")
-        curves(axes[1], t, tau, bounds.effort, robot.model.drive_names, "torque")
+        velocity_axis, torque_axis, *_ = axes
+        lowest_axis = axes[-1]
+        curves(velocity_axis, t, dq, bounds.velocity, names, "velocity")
+        curves(torque_axis, t, tau, bounds.effort, robot.model.drive_names, "torque")
         if fastest is not None:
             if fastest.time_optimal is None:
-                _draw_active_limits(axes[2], fastest, names)
+                _draw_active_limits(lowest_axis, fastest, names)
             else:
-                curves(axes[2], t, fastest.jerk(t), fastest.bounds.jerk, names, "jerk")
+                curves(lowest_axis, t, fastest.jerk(t), fastest.bounds.jerk, names, "jerk")
             _draw_phase_plane(right_figure.subplots(), fastest, names)
-        axes[-1].set_xlabel("time [s]")
-        legend(axes[0])
+        lowest_axis.set_xlabel("time [s]")
+        legend(velocity_axis)
         return style.save(drawn, path)
 
 
