@@ -33,7 +33,7 @@ MIN_EFFECT = 5.0
 _MAX_RATIO_TO_BOX = 2.0
 """Largest moment that fits the shapes, in units of the largest moment that the mass can have in the box of the shapes."""
 _MAX_IDENTIFIED_RATIO = 10.0
-"""Largest moment, in the same units, that base-parameter regrouping explains."""
+"""Largest ratio to the box, as above, that base-parameter regrouping explains."""
 _MAX_MILD_CHANGE = 0.5
 """Ratio of two changes of a tensor, to the nearest possible tensor and to the corrected slip, below which the message names
 the nearest tensor too."""

@@ -224,7 +224,7 @@ class _ModelElements:
         }
 
     def _add_tendons(self, section: Element) -> None:
-        """Add the tendons; those on joints with their joints."""
+        """Add the tendons; a tendon on joints gets its joints."""
         model = self.model
         for t in range(model.ntendon):
             first_wrap = int(model.tendon_adr[t])

@@ -1,4 +1,4 @@
-"""Limits and loads that can be those of a robot: one check for files, tables and options."""
+"""Limits and loads that a robot can have: one check for files, tables and options."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def _are_protractor_angles(values: Array) -> bool:
 
 
 def _effort_unit_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
-    """Doubt about efforts that all differ from those of the robot's file by one factor."""
+    """Doubt about efforts that all differ from the efforts of the robot's file by one factor."""
     file_effort = robot.limits.effort
     is_known_in_file = np.isfinite(file_effort) & (file_effort > 0.0)
     is_known = np.isfinite(limits.effort) & (limits.effort > 0.0)

@@ -148,7 +148,7 @@ def _joint_figures(model: Model, unit_factors: Array) -> dict[str, Array]:
     """Limits, friction and armature (nv,) by the heading of their column, in the units of the table."""
     limits = model.limits
     friction = model.friction
-    is_coupled = coupled_entries(model)  # friction and armature are those of motors, in the table of the coupling
+    is_coupled = coupled_entries(model)  # the table of the coupling has their friction and armature, of the motors
     figures = {
         "lower": unit_factors * limits.lower,
         "upper": unit_factors * limits.upper,

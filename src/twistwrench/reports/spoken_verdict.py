@@ -308,7 +308,7 @@ def verdict_data(
 def _doubts_of_all_loads(
     load: LoadCase, report: TorqueReport | None, refused: Sequence[str]
 ) -> tuple[Sequence[str], Sequence[str], Sequence[str]]:
-    """Reasons to look again; reasons to be unsure that stand before those on gaps of a log; and those after."""
+    """Reasons to look again; and reasons to be unsure, before and after the reasons on gaps of a log."""
     if report is None:
         return list(refused), model_warnings(load.with_load.model), []
     return contradictions(report), *carried_doubts(report)

@@ -399,7 +399,7 @@ class System:
         self.functions = self._functions()
         """Callbacks: name, and generalised forces (m, nv) at times (m,) and states (m, size)."""
         self.dry_friction: DryFrictionStep | None = None
-        """Steps with implicit friction and velocity gains; accelerations are then those of such a step."""
+        """Steps with implicit friction and velocity gains, which then give the accelerations too; None without."""
         self._last: tuple[float, float, Array, Array, Array, Array, Array] | None = None
         """Last braked step: t, h, controller's torques, state, and its results v, applied torques, powers."""
         self.held = np.zeros(robot.nv)
@@ -520,7 +520,7 @@ class System:
         return np.asarray(self.robot.forward_dynamics(q, dq, force)), tau
 
     def total(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
-        """Torques tau (m, nv) minus friction, plus those of wrenches and contacts."""
+        """Torques tau (m, nv) minus friction, plus the torques of wrenches and contacts."""
         total = tau
         if self.friction is not None:
             total = self.friction.net_torques(dq, tau)

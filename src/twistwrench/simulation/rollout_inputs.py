@@ -254,7 +254,7 @@ def _wrenches_by_frame(robot: Robot, wrench_on_robot: Any) -> dict[str, Array]:
 
 
 def _has_friction(robot: Robot, parameters: Sequence[str]) -> bool:
-    """True if a robot has joint friction, or if some of the parameters that vary are those of friction."""
+    """True if a robot has joint friction, or if one of the varying ``parameters`` is a friction parameter."""
     return bool(robot.model.friction.any) or any(name.endswith(LAWS_OF_FRICTION) for name in parameters)
 
 

@@ -145,7 +145,7 @@ def size_drives(
     if report is not None and contradictions(report):
         return sizing_refused(loaded_arm, drive_catalog, report)
     states = _states(cycle, report, bare_arm, friction=friction)
-    if not states.draws:  # a motion in memory: its draws are those of the caller
+    if not states.draws:  # a motion in memory: the caller gives its draws
         states = LoadStates(states.motion, tuple(draw.with_robot(bare_arm) for draw in draws))
     emergency_motion = None
     if emergency is not None:

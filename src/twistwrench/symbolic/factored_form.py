@@ -28,7 +28,7 @@ Term = tuple[Any, int]
 _MAX_FACTORED_SYMBOLS = 7
 """Largest number of symbols in a sum that is factored."""
 _MAX_FACTORED_TERMS = 28
-"""Largest number of terms in a sum that is factored: those of the square of a sum of seven symbols."""
+"""Largest number of terms in a sum that is factored: the square of a sum of seven symbols has as many."""
 _MAX_DENOMINATOR = 64
 """Largest denominator of a simple fraction; other numbers are measured values."""
 _MAX_EXACT_DENOMINATOR = 1 << 20

@@ -18,11 +18,11 @@ from ..shared import RobotOptions
 from ..skin import Asked, OutputFile, command_of, picture_file, table_file
 
 _SI_FACTORS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295}
-"""Value of each unit in m or rad; the empty unit is that of a bare number."""
+"""Value of each unit in m or rad; a bare number has the empty unit."""
 _PLAN_PARAMETERS = ("kind", "degrees", "assume", "noise", "file_accuracy")
 """Parameters of ``calibrate`` that a plan of readings has too."""
 _QUANTITY = re.compile(r"\s*([-+.\deE]+)\s*([a-z]*)\s*")
-"""Number, with or without exponent, and unit, which may be absent."""
+"""Number, perhaps with an exponent, and unit, which may be empty."""
 Calibration: TypeAlias = CalibratedRobot | FactoryCalibration | MeasuringPoses
 
 
@@ -180,7 +180,7 @@ def _plan_readings(
     towards: str | None,
     floor: float | None,
 ) -> MeasuringPoses:
-    """Plan configurations to measure, in addition to those of at most one file of existing readings."""
+    """Plan configurations to measure; at most one file has existing readings, which the plan completes."""
     if len(measurements) > 1:
         raise ValueRangeError(f"--plan takes one file of existing readings, and {len(measurements)} are given.")
     for name in ("test", "length"):  # the other options of measurements change nothing in a plan

@@ -69,7 +69,7 @@ class _Rows:
 
     @classmethod
     def from_log(cls, robot: Robot, log: ServoLog) -> _Rows:
-        """Rows of a log; ``robot`` is without armature, so that its torques are those of the bodies."""
+        """Rows of a log; ``robot`` is without armature, so that bodies alone need its torques."""
         time = np.linspace(0.0, log.time[-1], len(log.time))
         rate = (len(time) - 1) / float(time[-1])
         cutoff = min(_MAX_CUTOFF, _MAX_CUTOFF_SHARE * rate)
@@ -216,7 +216,7 @@ def _drive_parameters(fit: _JointFit, armature: float) -> Array:
 
 
 def _guessed_armatures(robot: Robot, q: Array) -> Array:
-    """(nv,) armature of each drive: that of the file, or a share of the largest inertia of all joints."""
+    """(nv,) armature of each drive: from the file, or a share of the largest inertia of all joints."""
     row_step = max(1, len(q) // _INERTIA_CONFIGURATIONS)
     M = np.asarray(robot.mass_matrix(q[::row_step]))
     inertias = np.diagonal(M, axis1=1, axis2=2).max(axis=0)

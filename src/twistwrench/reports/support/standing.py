@@ -96,7 +96,7 @@ class StandingCase(LoadCase):
         return ContactForces(forces, limited_forces.maps, holds)
 
     def _exceed_limits(self, tau: Array, contacts: ContactForces) -> Array:
-        """Mask (n,) of states whose drive torques exceed their limits: tau minus the torques of the contact forces."""
+        """Mask (n,) of states in which tau, minus the torques of the contact forces, exceeds the torque limits."""
         if self.effort is None:
             return np.zeros(len(tau), bool)
         limits = np.where(floating_entries(self.robot), np.inf, self.effort)

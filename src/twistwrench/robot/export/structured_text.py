@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 TYPES = {"double": "LREAL", "float": "REAL"}
 """Types of numbers, by precision."""
 STYLES = ("function_block", "codesys")
-"""Interfaces of the blocks: one of their own, or that of CODESYS."""
+"""Interfaces of the blocks: their own, or the interface of CODESYS."""
 STATES = 10
 """Number of states in the program that checks the blocks."""
 _LINE_WIDTH = 76

@@ -90,7 +90,7 @@ def _coordinates_by_panel(result: SimulationResult) -> dict[str, list[int]]:
 
 
 def _draw_coordinates(axis: style.Axes, result: SimulationResult, panel: str, indices: list[int]) -> None:
-    """Draw the coordinates with these indices, which have one unit; those that move most have colours."""
+    """Draw the coordinates with these indices, all in one unit; the coordinates that move most have colours."""
     q = result.q[:, indices]
     names = [result.coordinate_names[k] for k in indices]
     velocity_indices = []  # numbers of the colours; a quaternion has one velocity less
