@@ -200,10 +200,10 @@ def _heading(log: ReadingLog, sign: str) -> Line:
     return Line((Path(log.name).name, Style.STRONG), f"  {len(log)} readings{duration}, {motion}, sign {sign}")
 
 
-def _readings_table(log: ReadingLog, compensated: Array, kept: Array) -> Table:
+def _readings_table(log: ReadingLog, compensated: Array, is_kept: Array) -> Table:
     """Root mean squares of the kept readings before and after compensation."""
-    rms_before = np.sqrt(np.mean(log.readings[kept] ** 2, axis=0))
-    rms_after = np.sqrt(np.mean(compensated[kept] ** 2, axis=0))
+    rms_before = np.sqrt(np.mean(log.readings[is_kept] ** 2, axis=0))
+    rms_after = np.sqrt(np.mean(compensated[is_kept] ** 2, axis=0))
     columns = []
     show_number = partial(number, decimals=4)
     for axis, before, after in zip(WRENCH, rms_before, rms_after, strict=True):

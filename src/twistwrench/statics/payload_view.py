@@ -114,10 +114,10 @@ def _not_held_sentence(report: PayloadReport) -> str:
     return f"no payload. {reason}"
 
 
-def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
+def _stops_words(joints_beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
     """Sentence on joints beyond their position limits, with their excess; ``degrees``: angles in degrees."""
     clauses = []
-    for joint in beyond:
+    for joint in joints_beyond:
         scale = 1.0
         if degrees and joint.turns:
             scale = math.degrees(1.0)

@@ -56,16 +56,16 @@ def reading_doubts(doubts: Iterable[Doubt], log: str = "") -> Iterator[Doubt]:
         yield replace(found, level=level, sentence=sentence)
 
 
-def left_unexplained(held: HeldOut, training: HeldOut) -> list[Doubt]:
-    """Doubt about large residuals ``held`` of held-out rows, or about test logs that differ from the training logs.
+def left_unexplained(held_out: HeldOut, training: HeldOut) -> list[Doubt]:
+    """Doubt about large residuals ``held_out`` of held-out rows, or about test logs that differ from the training logs.
 
     ``training`` are the residuals of the training logs, each fifth predicted from the others.
     """
-    if held.all > _MAX_UNEXPLAINED:
-        return [doubt("unexplained", left=percent(held.all, 3))]
-    if held.kind == "test" and held.all > max(OTHERS * training.all, NOTABLE_IN_OTHERS):
+    if held_out.all > _MAX_UNEXPLAINED:
+        return [doubt("unexplained", left=percent(held_out.all, 3))]
+    if held_out.kind == "test" and held_out.all > max(OTHERS * training.all, NOTABLE_IN_OTHERS):
         message = (
-            f"the logs held out are explained to {percent(held.all, 3)}, the training logs among themselves to "
+            f"the logs held out are explained to {percent(held_out.all, 3)}, the training logs among themselves to "
             f"{percent(training.all, 3)}"
         )
         return [doubt("other-torques", said=message, level="refuse")]
@@ -407,18 +407,18 @@ def _residual_doubts(fit: FittedLog, *, has_known_cause: bool, is_loud: bool) ->
     """
     if has_known_cause:
         return []
-    held = fit.held_out
-    doubts = left_unexplained(held, fit.trained)
-    if not doubts and (held.all > _MAX_UNREPORTED or is_loud):
+    held_out = fit.held_out
+    doubts = left_unexplained(held_out, fit.trained)
+    if not doubts and (held_out.all > _MAX_UNREPORTED or is_loud):
         live_joints = fit.joints(np.flatnonzero(~fit.dead))
-        worst_joint = max(live_joints, key=lambda joint: held.joints[joint])
-        when = _largest_at(held, list(held.joints).index(worst_joint)) if is_loud else ""
-        share = percent(held.all, 3)
-        share_of_worst = percent(held.joints[worst_joint], 3)
+        worst_joint = max(live_joints, key=lambda joint: held_out.joints[joint])
+        when = _largest_at(held_out, list(held_out.joints).index(worst_joint)) if is_loud else ""
+        share = percent(held_out.all, 3)
+        share_of_worst = percent(held_out.joints[worst_joint], 3)
         doubts.append(doubt("partly-unexplained", [worst_joint], left=share, most=share_of_worst, when=when))
     joints = _poorly_predicted(fit)
     if joints and "refuse" not in _levels(doubts):
-        message = listed([f"{joint} to {percent(held.joints[joint], 3)}" for joint in joints], _MAX_NAMED_JOINTS)
+        message = listed([f"{joint} to {percent(held_out.joints[joint], 3)}" for joint in joints], _MAX_NAMED_JOINTS)
         doubts.append(doubt("unexplained-joint", joints, said=message))
     return doubts
 
@@ -443,11 +443,11 @@ def _residual_above_noise(fit: FittedLog) -> bool:
     return bool((residual > max_quiet)[~fit.dead].any())
 
 
-def _largest_at(held: HeldOut, joint: int) -> str:
+def _largest_at(held_out: HeldOut, joint: int) -> str:
     """Text of the time at which the residual of a joint is largest; empty for several logs."""
     largest_residual = -1.0
     text = ""
-    for rows in held.rows:
+    for rows in held_out.rows:
         is_of_several_logs = rows.log.any()  # the first has index 0
         if is_of_several_logs:
             return ""
@@ -462,12 +462,12 @@ def _largest_at(held: HeldOut, joint: int) -> str:
 
 def _poorly_predicted(fit: FittedLog) -> list[str]:
     """Joints whose held-out residual is a large share of their torque and, if they have one, of their effort limit."""
-    held = fit.held_out
+    held_out = fit.held_out
     effort = fit.base.unknown.model.limits.effort
-    row_count = sum(len(rows.time) for rows in held.rows)
-    residual = np.sqrt(held.squares / max(row_count, 1))  # rms
+    row_count = sum(len(rows.time) for rows in held_out.rows)
+    residual = np.sqrt(held_out.squares / max(row_count, 1))  # rms
     is_small = np.isfinite(effort) & (residual <= _MAX_SHARE_OF_LIMIT * effort)
-    has_torque = ~fit.dead & (held.sizes > 0)
-    shares = np.array(list(held.joints.values()))
+    has_torque = ~fit.dead & (held_out.sizes > 0)
+    shares = np.array(list(held_out.joints.values()))
     is_unexplained = shares > _MAX_UNEXPLAINED_OF_JOINT
     return fit.joints(np.flatnonzero(has_torque & ~is_small & is_unexplained))

@@ -143,6 +143,7 @@ def exp(V: ArrayLike) -> Poses:
 
 
 def _exp(V: Array) -> Array:
+    """Poses (..., 4, 4) of twists (..., 6)."""
     w, theta = within_reach(V[..., :3])
     v = V[..., 3:]
     b = series.one_minus_cos_over_square(theta)
@@ -172,6 +173,7 @@ def log(T: ArrayLike) -> Twists:
 
 
 def _log(T: Array) -> Array:
+    """Twists (..., 6) of poses (..., 4, 4)."""
     w = so3.log(T[..., :3, :3])
     v_column = so3.left_jacobian_inverse(w) @ T[..., :3, 3, None]
     return np.concatenate([w, v_column[..., 0]], axis=-1)

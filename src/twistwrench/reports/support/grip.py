@@ -112,19 +112,19 @@ def _expected_text(kind: Kind) -> str:
     return f"FORCE,FRICTION[@FRAME] in N, for example {example}"
 
 
-def _holder_entries(kind: Kind, given: HolderGiven) -> dict[str, Any]:
+def _holder_entries(kind: Kind, text_or_mapping: HolderGiven) -> dict[str, Any]:
     """Entries of a holder from its text or mapping, with force and friction."""
-    if not isinstance(given, Mapping):
-        text, _, frame = str(given).partition("@")
+    if not isinstance(text_or_mapping, Mapping):
+        text, _, frame = str(text_or_mapping).partition("@")
         force, friction = parse_numbers(text, kind, _expected_text(kind), 2)
         return {"force": force, "friction": friction, "frame": frame.strip()}
-    for key in given:
+    for key in text_or_mapping:
         if key not in _ENTRY_NAMES[kind]:
             raise UnknownNameError.from_choices(f"entry of {kind}", key, _ENTRY_NAMES[kind])
     for key in ("force", "friction"):
-        if key not in given:
+        if key not in text_or_mapping:
             raise ValueRangeError(f"{{0}} lacks {key!r}. Give {_expected_text(kind)}.", Argument(kind))
-    return dict(given)
+    return dict(text_or_mapping)
 
 
 def _fingers(force: float, friction: float, axis: Array, width: float, pad: Any) -> tuple[Contact, ...]:

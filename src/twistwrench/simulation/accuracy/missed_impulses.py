@@ -91,9 +91,9 @@ class ForceCheck:
             torques = np.broadcast_to(held, (len(times), held.shape[-1])).copy()
             self._keep(times, states[:-1], states[1:], torques)
 
-    def _keep(self, times: Array, y: Array, y_after: Array, held: Array) -> None:
+    def _keep(self, times: Array, y: Array, y_after: Array, controller_torques: Array) -> None:
         """Store m steps; evaluate all that are stored if there are many."""
-        self._blocks.append((times, y, y_after, held))
+        self._blocks.append((times, y, y_after, controller_torques))
         self._count += len(times)
         if self._count >= MAX_STORED_STEPS:
             self._add_up()
@@ -107,8 +107,8 @@ class ForceCheck:
         if self._worst is None:
             return None
         change, step = self._worst
-        t, _, y_after, held = step
-        system = self.probes.system.under(held)
+        t, _, y_after, controller_torques = step
+        system = self.probes.system.under(controller_torques)
         try:
             times = decay_times(system, system.moving, t + self.h, y_after, change)
         except SimulationError:
@@ -134,7 +134,7 @@ class ForceCheck:
             return
         system = self.probes.system
         columns = zip(*self._blocks, strict=True)
-        t, y, y_after, held = (np.concatenate(parts) for parts in columns)
+        t, y, y_after, controller_torques = (np.concatenate(parts) for parts in columns)
         self._blocks = []
         self._count = 0
         batches = [slice(k, k + BATCH_SIZE) for k in range(0, len(t), BATCH_SIZE)]
@@ -151,7 +151,7 @@ class ForceCheck:
             if not sizes[largest_row] > np.abs(worst_change).max():
                 return
         k = rows[largest_row]
-        self._worst = changes[largest_row], (float(t[k]), y[k], y_after[k], held[k])
+        self._worst = changes[largest_row], (float(t[k]), y[k], y_after[k], controller_torques[k])
 
     def _impulses(self, t: Array, y: Array, y_after: Array) -> Array:
         """Missed impulses of steps, (n, nv); zero for a step in which a callback fails."""

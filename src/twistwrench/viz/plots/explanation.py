@@ -207,7 +207,7 @@ def plot_compensation(
         style.save(drawn, path)
 
 
-def _draw_readings(axis: style.Axes, x: Array, values: Array, names: list[str], marked: Array, mark: str) -> None:
+def _draw_readings(axis: style.Axes, x: Array, values: Array, names: list[str], is_marked: Array, mark: str) -> None:
     """Draw the three components of readings (n, 3), and shade the marked ones; ``mark`` is their label in the legend."""
     line_options: dict[str, Any] = {"linewidth": 0.9}
     if len(x) <= _MAX_DOTS:
@@ -219,7 +219,7 @@ def _draw_readings(axis: style.Axes, x: Array, values: Array, names: list[str], 
     if len(x) > 1:
         steps = np.abs(np.diff(x))
         half_step = 0.5 * float(np.median(steps))
-    for k, (first, last) in enumerate(runs(marked)):
+    for k, (first, last) in enumerate(runs(is_marked)):
         label = mark if k == 0 else None  # one entry in the legend
         axis.axvspan(
             x[first] - half_step, x[last] + half_step, color=style.POINTED, alpha=0.13, linewidth=0, label=label
