@@ -49,7 +49,7 @@ class ShownRobot(Answer):
     robot: Robot
     wrenches: Mapping[str, Array]
     """Wrenches on the robot by frame."""
-    motion: DrawnMotion | None
+    motion: DrawnMotion | None  # None without a trajectory
     meshes: bool
     """True if meshes are drawn."""
     speed: float
@@ -105,7 +105,7 @@ class ShownArticle(Answer):
 
     call: ClassVar[str] = "view"
 
-    section: str
+    section: str  # number in the book
 
     @property
     def verdict(self) -> Verdict:

@@ -114,7 +114,7 @@ def short_text(value: object) -> str:
 class Section:
     """Mapping in a file, with the keys that lead to it."""
 
-    content: Any
+    content: Any  # the mapping; anything else is refused
     path: str
     """Keys from the top of the file, joined by arrows; empty for the file itself."""
 

@@ -33,6 +33,7 @@ _TEXT_ENTRY = "said"
 _ZIP_BEGIN = b"PK"
 """First bytes of an archive."""
 _ARRAY_FIELDS = ("times", "q", "dq", "ddq", "tau", "kinetic_energy", "potential_energy", "momentum")
+"""Fields that are stored as arrays."""
 _TEXT_FIELDS = {
     "robot": str,
     "coordinate_names": list,

@@ -27,7 +27,7 @@ class SpillFrame:
     """Cuts of a program into parts of about ``length`` instructions, and slots for its values."""
 
     program: Program
-    length: int
+    length: int  # of a part, about [instructions]
 
     @cached_property
     def starts(self) -> list[int]:

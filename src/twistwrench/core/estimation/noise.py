@@ -43,8 +43,8 @@ _MIN_KINKS = 30
 _MAX_SMALL_RATIO = 20  # of a small increment to the smallest
 _MAX_SINGLE_RATIO = 1.5  # of an increment of one step to the smallest
 _MAX_RATIO_ERROR = 0.05  # of a multiple
-_MIN_SMALL_INCREMENTS = 30
-_MIN_MULTIPLE_SHARE = 0.98
+_MIN_SMALL_INCREMENTS = 30  # number
+_MIN_MULTIPLE_SHARE = 0.98  # of small increments that are multiples
 
 
 @dataclass(frozen=True, eq=False)

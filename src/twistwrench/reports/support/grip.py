@@ -154,7 +154,7 @@ def _cup(force: float, friction: float, radius: float) -> tuple[Contact, ...]:
 class GripSupport:
     """Support of the payload by its holder along a motion."""
 
-    support: Support
+    support: Support  # at each instant
     holder: Holder
     time: Array
     """(n,): times of the motion [s]."""

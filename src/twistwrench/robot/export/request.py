@@ -38,7 +38,7 @@ Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, M
 class Request:
     """One quantity with its options and its function."""
 
-    quantity: str
+    quantity: str  # name
     options: Mapping[str, Any]
     """Given options, for :meth:`~twistwrench.Robot.kernel`."""
     full: Mapping[str, Any]
@@ -179,8 +179,8 @@ class BridgedQuantity:
     """One quantity with its options for a bridge to another package, whose functions use the cached parts in every call."""
 
     robot: Robot
-    name: str
-    options: Mapping[str, Any]
+    name: str  # of the quantity
+    options: Mapping[str, Any]  # given ones, for robot.kernel
     _derivatives: dict[Any, BridgedQuantity] = field(default_factory=dict, init=False, repr=False)
     """Derivatives made so far, by the arguments of :meth:`derivative`."""
 
