@@ -73,15 +73,15 @@ def figures(found: CalibratedRobot) -> str:
     error of the readings.
     """
     held_out = millimetres(found.held_out.rms)
-    before = millimetres(found.before)
+    error_before = millimetres(found.before)
     max_predicted = max(_MAX_PREDICTED_RATIO * found.held_out.rms, _MAX_ROUNDING_ERROR)
     if found.measures_tip and found.remaining.rms <= max_predicted:
-        return f"the tip is right to {held_out} (rms, held out), {before} before"
+        return f"the tip is right to {held_out} (rms, held out), {error_before} before"
     remaining = millimetres(found.remaining.rms)
     remaining_before = millimetres(found.remaining_before)
     return (
         f"the tip is right to {remaining} (rms, predicted), {remaining_before} before; "
-        f"{noun_of_readings(found)} to {held_out} (held out), {before} before"
+        f"{noun_of_readings(found)} to {held_out} (held out), {error_before} before"
     )
 
 

@@ -237,7 +237,7 @@ def gumbel_level(maxima: Array, share: float) -> Array:
     From P(x < u) = 1 - p: u = a - b log(-log(1 - p)), with a = mean(x) - γ b.
     """
     x = maxima**2
-    b = np.sqrt(6.0) / np.pi * x.std(axis=0, ddof=1)
+    b = np.sqrt(6.0) / np.pi * x.std(axis=0, ddof=1)  # √6 s/π
     u = x.mean(axis=0) + b * (-np.log(-np.log1p(-share)) - _EULER_CONSTANT)
     return np.asarray(np.sqrt(u))
 

@@ -212,7 +212,7 @@ def validate_inputs(
     q = state_of(robot, "q0", q0, robot.nq)
     dq = state_of(robot, "dq0", dq0, robot.nv)
     states = [q, dq]
-    n, h, kept = _count_steps(dt, steps, duration, every, inputs)
+    n, h, kept_count = _count_steps(dt, steps, duration, every, inputs)
     arrays_by_step = {label: _with_step_axis(label, x, size, n) for label, x, size in inputs}
     parameter_by_name = dict(zip(names, values, strict=True))
     batch = _batch_shape(states, arrays_by_step, parameter_by_name)
@@ -241,7 +241,7 @@ def validate_inputs(
     if isinstance(law, GivenTorque) and law.tau is None:
         shapes["tau"] = None
     ranks = [1, 1, 1, *[2] * len(step_inputs)]  # of q0, dq0 and dt, then of the other inputs
-    return Inputs(plan, arrays, ranks, batch, dtype, n, h, kept, remarks, shapes)
+    return Inputs(plan, arrays, ranks, batch, dtype, n, h, kept_count, remarks, shapes)
 
 
 def _wrenches_by_frame(robot: Robot, wrench_on_robot: Any) -> dict[str, Array]:

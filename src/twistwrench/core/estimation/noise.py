@@ -256,7 +256,7 @@ def sample_errors(times: Sequence[Array], curves: Sequence[Array], survey: Surve
     stamp = np.zeros(len(survey.noise))
     for k in np.flatnonzero(survey.noise).tolist():
         grid = float(survey.quantum[k])
-        rounding_variance = grid**2 / 12.0
+        rounding_variance = grid**2 / 12.0  # of a uniform distribution
         errors_and_speeds = _isolate_errors(times, [x[:, k] for x in curves], grid)
         if errors_and_speeds is not None:
             errors, speed = errors_and_speeds

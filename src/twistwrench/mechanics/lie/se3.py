@@ -323,7 +323,7 @@ def _block_matrix(J: Array, Q: Array) -> Array:
 def rotation_exp(w: Array) -> tuple[Array, Any]:
     """exp [w], (3, 3), and w·w. MR eq. 3.51 with sin θ = 2 sin(θ/2) cos(θ/2) and 1 - cos θ = 2 sin²(θ/2)."""
     square = w @ w
-    half, cosine, _ = half_angle(square)
+    half, cosine, _ = half_angle(square)  # half = sin(θ/2)/θ
     R = quadratic(w, 2.0 * half * cosine, 2.0 * half * half)
     return R, square
 
@@ -332,7 +332,7 @@ def pose_exp(V: Array) -> tuple[Array, Any]:
     """exp [V], (4, 4), and ω·ω. MR eq. 3.88."""
     w, v = V[:3], V[3:]
     R, square = rotation_exp(w)
-    half, _, third = half_angle(square)
+    half, _, third = half_angle(square)  # third = (θ - sin θ)/θ³
     p = slide(w, v, 2.0 * half * half, third)
     return pose(R, p), square
 

@@ -108,7 +108,7 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
     """Declaration and statements of one block, below a comment with its ``description``."""
     program = request.function.program
     precision = request.function.precision
-    real = TYPES[precision]
+    real_type = TYPES[precision]
     scope = Names([name])
     parameters = [scope.free(parameter) for parameter in request.function.parameters]
     input_count = len(program.inputs)
@@ -140,10 +140,10 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
         statements.append(f"{element} := {operand_text(result)};")
     declarations = []
     for parameter, port in zip(parameters, (*program.inputs, *program.outputs), strict=True):
-        declarations.append(f"    {parameter} : {_array_type(port.size, real)};")
+        declarations.append(f"    {parameter} : {_array_type(port.size, real_type)};")
     local_declarations: list[str] = []
     if local_names:
-        local_declarations = ["VAR", *_wrap(local_names, f" : {real};"), "END_VAR"]
+        local_declarations = ["VAR", *_wrap(local_names, f" : {real_type};"), "END_VAR"]
     lines = [
         _comment(description),
         f"FUNCTION_BLOCK {name}",
@@ -177,9 +177,9 @@ _OPERATIONS: Mapping[str, str] = {
 """Expressions of the operations; MIN, MAX and SEL evaluate all operands, which have no side effects."""
 
 
-def _array_type(size: int, real: str) -> str:
-    """Type of an array with ``size`` entries of the type ``real``."""
-    return f"ARRAY[0..{size - 1}] OF {real}"
+def _array_type(size: int, real_type: str) -> str:
+    """Type of an array with ``size`` entries of the type ``real_type``."""
+    return f"ARRAY[0..{size - 1}] OF {real_type}"
 
 
 def _wrap(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[str]:
@@ -284,7 +284,7 @@ def export_st(
 def _header(robot: Robot, exports: Sequence[Request], torque: str) -> str:
     """Comment at the beginning of the file: conventions, and entries of q and dq."""
     digests = ", ".join(request.function.program.digest[:_DIGEST_LETTERS] for request in exports)
-    real = TYPES[exports[0].function.precision]
+    real_type = TYPES[exports[0].function.precision]
     gx, gy, gz = map(file_number, robot.gravity)
     torque_lines = []
     if torque == "motor":
@@ -294,7 +294,7 @@ def _header(robot: Robot, exports: Sequence[Request], torque: str) -> str:
         torque_lines = [f"tau of motor_torques: N m at the shafts of the motors, in the {order}."]
     return _comment(
         [
-            f"Dynamics of the robot {robot.name} in Structured Text (IEC 61131-3), numbers of type {real}.",
+            f"Dynamics of the robot {robot.name} in Structured Text (IEC 61131-3), numbers of type {real_type}.",
             f"Written by twistwrench {version('twistwrench')}. Hash of the equations: {digests}.",
             "",
             *_CONVENTIONS.split("\n"),
@@ -322,9 +322,9 @@ def _test_program(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]
     block_names = [block for block, _ in blocks]
     scope = Names([name, *block_names, "Passed", "Worst"])
     _, first_request = blocks[0]
-    real = TYPES[first_request.function.precision]
+    real_type = TYPES[first_request.function.precision]
     k, i, difference = map(scope.free, ("k", "i", "apart"))
-    declarations = [f"    {k}, {i} : DINT;", f"    {difference} : {real};"]
+    declarations = [f"    {k}, {i} : DINT;", f"    {difference} : {real_type};"]
     statements = ["Passed := TRUE;", "Worst := 0.0;"]
     for block, request in blocks:
         block_declarations, block_statements = _block_test(robot, block, request, scope, (k, i, difference))
@@ -339,7 +339,7 @@ def _test_program(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]
             f"PROGRAM {name}",
             "VAR_OUTPUT",
             "    Passed : BOOL;",
-            f"    Worst : {real};",
+            f"    Worst : {real_type};",
             "END_VAR",
             "VAR",
             *declarations,
@@ -360,7 +360,7 @@ def _block_test(
     program = request.function.program
     precision = request.function.precision
     k, i, difference = variables
-    real = TYPES[precision]
+    real_type = TYPES[precision]
     instance = scope.free(f"{block}_1")
     block_scope = Names([block])
     parameters = [block_scope.free(parameter) for parameter in request.function.parameters]
@@ -378,14 +378,14 @@ def _block_test(
         table = scope.free(f"{block}_{parameter}_data")
         # Only in expressions do negative numbers need parentheses.
         literals = [real_literal(float(x), precision).strip("()") for x in np.ravel(values)]
-        declarations.append(f"    {table} : {_array_type(STATES * port.size, real)} := [")
+        declarations.append(f"    {table} : {_array_type(STATES * port.size, real_type)} := [")
         declarations += _wrap(literals, "];", each=False)
         loop = f"    FOR {i} := 0 TO {port.size - 1} DO"
         entry = f"{table}[{port.size} * {k} + {i}]"
         if port_index < input_count:
             array = scope.free(f"{block}_{parameter}")
             assignments.append(f"{parameter} := {array}")
-            declarations.append(f"    {array} : {_array_type(port.size, real)};")
+            declarations.append(f"    {array} : {_array_type(port.size, real_type)};")
             loads += [loop, f"        {array}[{i}] := {entry};", "    END_FOR;"]
             continue
         allowed_difference = largest_entry(np.asarray(values)) * tolerances[port_index - input_count]
