@@ -33,7 +33,7 @@ def calibration_view(found: CalibratedRobot) -> Iterator[Block]:
     yield _headline(found)
     yield ""
     frame = found.fit.problem.chain.frame
-    _, _, readings = found.subject.partition(" · ")
+    _, _, readings = found.subject.partition(" · ")  # the robot's name stands before it
     yield Line((found.robot_name, Style.STRONG), f"  ·  {readings}, at {frame}")
     yield from _error_tables(found)
     yield from _group_tables(found)
@@ -72,14 +72,16 @@ def figures(found: CalibratedRobot) -> str:
     It is the measured error if places of the tip were measured over its reach. If not, it is the predicted error, with the
     error of the readings.
     """
-    held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
+    held_out = millimetres(found.held_out.rms)
+    error_before = millimetres(found.before)
     max_predicted = max(_MAX_PREDICTED_RATIO * found.held_out.rms, _MAX_ROUNDING_ERROR)
     if found.measures_tip and found.remaining.rms <= max_predicted:
-        return f"the tip is right to {held_out} (rms, held out), {before} before"
-    remaining, remaining_before = millimetres(found.remaining.rms), millimetres(found.remaining_before)
+        return f"the tip is right to {held_out} (rms, held out), {error_before} before"
+    remaining = millimetres(found.remaining.rms)
+    remaining_before = millimetres(found.remaining_before)
     return (
         f"the tip is right to {remaining} (rms, predicted), {remaining_before} before; "
-        f"{noun_of_readings(found)} to {held_out} (held out), {before} before"
+        f"{noun_of_readings(found)} to {held_out} (held out), {error_before} before"
     )
 
 
@@ -94,7 +96,8 @@ def _headline(found: CalibratedRobot) -> Headline:
             return Headline(Word.OK, text)
         return Headline(Word.OK, f"{figures(found)}{_largest_zero_text(found)}.")
     reason, *other_reasons = found.verdict.reasons
-    held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
+    held_out = millimetres(found.held_out.rms)
+    before = millimetres(found.before)
     remaining = millimetres(found.remaining.rms)
     if found.measures_tip:
         errors = f"Held out: {held_out} rms, {before} before; predicted to remain: {remaining}"
@@ -111,12 +114,15 @@ def _largest_zero_text(found: CalibratedRobot) -> str:
     """Text of the largest error of a zero; empty without zeros."""
     if not found.zeros:
         return ""
-    joint = max(found.zeros, key=lambda joint: abs(found.zeros[joint][0]))
+    size_by_joint = {name: abs(value) for name, (value, _) in found.zeros.items()}  # [rad or m]
+    joint = max(size_by_joint, key=size_by_joint.__getitem__)
     value, half_width = found.zeros[joint]
     chain = found.fit.problem.chain
-    factor, unit = _MILLI, " mm"
+    factor = _MILLI
+    unit = " mm"
     if chain.turning[chain.joints.index(joint)]:
-        factor, unit = math.degrees(1.0), "°"
+        factor = math.degrees(1.0)
+        unit = "°"
     value_text, half_width_text = estimate(factor * value, factor * half_width)
     return f"; largest: zero of {joint} off by {value_text} ± {half_width_text}{unit}"
 
@@ -176,8 +182,10 @@ def _group_tables(found: CalibratedRobot) -> Iterator[Block]:
         units.append(unit)
         value_lines.append(Line(value_text, value=value))
         half_width_lines.append(Line(half_width_text, value=half_width))
-    # From the file, in half widths; not divided by zero.
-    differences = [abs(group.value) / max(group.half_width(), 1e-300) for group in groups]
+    differences = []  # of each group from the file, in half widths
+    for group in groups:
+        half_width = max(group.half_width(), 1e-300)  # not divided by zero
+        differences.append(abs(group.value) / half_width)
     yield Table(
         "Groups",
         words("group", [group.name for group in groups], fold=False),

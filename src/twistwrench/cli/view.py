@@ -49,7 +49,7 @@ class ShownRobot(Answer):
     robot: Robot
     wrenches: Mapping[str, Array]
     """Wrenches on the robot by frame."""
-    motion: DrawnMotion | None
+    motion: DrawnMotion | None  # None without a trajectory
     meshes: bool
     """True if meshes are drawn."""
     speed: float
@@ -104,7 +104,7 @@ class ShownArticle(Answer):
 
     call: ClassVar[str] = "view"
 
-    section: str
+    section: str  # number in the book
 
     @property
     def verdict(self) -> Verdict:
@@ -214,7 +214,8 @@ def _article(section: str | None, outputs: Outputs[Shown]) -> ShownArticle:
     """Article on a section; raises if the section has no article, or if options need a robot."""
     context = click.get_current_context()
     if section is None:
-        raise click.MissingParameter(ctx=context, param=context.command.params[0])
+        robot_argument, *_ = context.command.params
+        raise click.MissingParameter(ctx=context, param=robot_argument)
     if section not in ARTICLES:
         section_panel(section)  # raises for a section that is not there
         raise ValueRangeError(
@@ -261,10 +262,11 @@ def _loads_and_motion(
     The motion is judged as by the command ``torques``, and its doubts are printed as notes.
     """
     if log.trajectory is None:
-        for name in (*log.given, *_MOTION_OPTIONS):
-            if name in log.given or name in asked:
-                flag = f"--{name.replace('_', '-')}"
-                raise ValueRangeError(f"{flag} is about a motion, and none is given. Add --trajectory.")
+        motion_options = list(log.given)
+        motion_options += [name for name in _MOTION_OPTIONS if name in asked]
+        if motion_options:
+            flag = f"--{motion_options[0].replace('_', '-')}"
+            raise ValueRangeError(f"{flag} is about a motion, and none is given. Add --trajectory.")
         if "clearance" in asked or "srdf" in asked:
             raise ValueRangeError("--clearance is of a motion, and there is none. Add --trajectory FILE.csv.")
         case = LoadCase(robot.load(), tuple(asked.get("payload", ())), asked.get("wrench_on_robot", {}))

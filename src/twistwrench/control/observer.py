@@ -132,7 +132,7 @@ class MomentumObserver:
         Parameters
         ----------
         t : float, later than the last one [s]
-        tau : (nv,) array_like, torques since then [N m, sliding joints: N]; ignored in the first call
+        tau : (nv,) array_like, torques since the last call [N m, sliding joints: N]; ignored in the first call
 
         Returns
         -------
@@ -293,9 +293,9 @@ class MomentumObserver:
         min_singular_value = SINGULAR_VALUE_SHARE * s.max(initial=0.0)
         rank = int(np.count_nonzero(s > min_singular_value))
         F = np.zeros(6)
-        F[selected] = U[:, :rank] @ (Vt[:rank] @ r / s[:rank])
+        F[selected] = U[:, :rank] @ (Vt[:rank] @ r / s[:rank])  # the pseudoinverse gives the smallest fit
         blind = np.zeros((len(selected) - rank, 6))
-        blind[:, selected] = U[:, rank:].T
+        blind[:, selected] = U[:, rank:].T  # J' of these wrenches is zero
         unexplained = r - J.T @ F[selected]
         frame_name = str(robot.tip if frame is None else frame)
         return ContactWrench(F, blind, unexplained, frame_name, rank)
@@ -310,11 +310,15 @@ class MomentumObserver:
         return p_column[..., 0], velocity_column[..., 0] - h
 
     def _next_residual(
-        self, r: Array, last: tuple[float, Array, Array, Array], now: tuple[float, Array, Array, Array], tau: Array
+        self,
+        r: Array,
+        last_sample: tuple[float, Array, Array, Array],
+        sample: tuple[float, Array, Array, Array],
+        tau: Array,
     ) -> Array:
         """Residual (nv,) after a sample, from the one before it and t, dq, p and β of both samples."""
-        begin = [np.asarray(value)[None] for value in last]
-        end = [np.asarray(value)[None] for value in now]
+        begin = [np.asarray(value)[None] for value in last_sample]
+        end = [np.asarray(value)[None] for value in sample]
         x, kept_share = self._mean(begin, end, tau[None])
         return np.asarray(x[0] + kept_share[0] * (r - x[0]))
 

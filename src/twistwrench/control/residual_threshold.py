@@ -52,7 +52,7 @@ _MIN_INDEPENDENT_ROWS = 10.0
 _MIN_DEVIATIONS = 3.0
 """Ratio of a mean to its standard deviation from which the mean is not noise."""
 _QUIET_SHARE = 0.9
-"""Share of the blocks that count as quiet: a push in another block shows beside their maxima."""
+"""Share of the blocks, those with the smallest maxima, that are taken to be without a push."""
 _EULER_CONSTANT = 0.5772156649
 """γ of the Gumbel law."""
 _MAX_NOISE_RATIO = 3.0
@@ -211,7 +211,7 @@ def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: flo
     used = motion.time >= motion.time[0] + BEGIN  # mask of rows
     time_of_use = motion.time[used] - motion.time[0] - BEGIN
     block_number = (time_of_use / BLOCK).astype(int)  # of each used row
-    if not used.any() or block_number[-1] < 2:
+    if not used.any() or block_number[-1] < 2:  # the last block may be short: two whole ones are needed
         raise ValueRangeError(
             f"MomentumObserver.threshold: the log has {number(motion.duration, 3)} s. Give {number(BEGIN + _MIN_BLOCKS)} s or "
             "more."
@@ -237,7 +237,7 @@ def gumbel_level(maxima: Array, share: float) -> Array:
     From P(x < u) = 1 - p: u = a - b log(-log(1 - p)), with a = mean(x) - γ b.
     """
     x = maxima**2
-    b = np.sqrt(6.0) / np.pi * x.std(axis=0, ddof=1)
+    b = np.sqrt(6.0) / np.pi * x.std(axis=0, ddof=1)  # √6 s/π
     u = x.mean(axis=0) + b * (-np.log(-np.log1p(-share)) - _EULER_CONSTANT)
     return np.asarray(np.sqrt(u))
 
@@ -260,11 +260,11 @@ def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Arra
     """
     means = np.zeros_like(e)
     for j in range(e.shape[1]):
-        edges = np.quantile(q[:, j], [1.0 / 3.0, 2.0 / 3.0])
+        edges = np.quantile(q[:, j], [1.0 / 3.0, 2.0 / 3.0])  # of the thirds
         sign_number = (np.sign(dq[:, j]) + 1.0).astype(int)  # 0, 1, 2
         third = np.searchsorted(edges, q[:, j])
         cell = 3 * sign_number + third
-        count = np.maximum(np.bincount(cell, minlength=_CELL_COUNT), 1)
+        count = np.maximum(np.bincount(cell, minlength=_CELL_COUNT), 1)  # of rows; empty cells have zero sums
         mean = np.bincount(cell, e[:, j], minlength=_CELL_COUNT) / count
         mean_square = np.bincount(cell, e[:, j] ** 2, minlength=_CELL_COUNT) / count
         variance = mean_square - mean**2
@@ -283,7 +283,8 @@ def _doubts(observer: MomentumObserver, motion: Motion, maxima: Array, share: fl
     yield from (contradiction for contradiction in motion.doubts if contradiction.refuses)
     quiet_count = max(2, round(_QUIET_SHARE * len(maxima)))
     quiet = np.sort(maxima, axis=0)[:quiet_count]
-    ratio = maxima / np.maximum(gumbel_level(quiet, share), 1e-300)
+    quiet_level = np.maximum(gumbel_level(quiet, share), 1e-300)  # not divided by zero
+    ratio = maxima / quiet_level
     block, joint = np.unravel_index(int(ratio.argmax()), ratio.shape)
     max_ratio = float(ratio[block, joint])
     if max_ratio > _MAX_NOISE_RATIO:
@@ -301,13 +302,16 @@ def smallest_force(observer: MomentumObserver, q: Array, threshold: Array) -> fl
     to (1 - exp(-K t)) J' d after the time t.
     """
     poses = q[:: max(1, len(q) // _MAX_POSES)]
-    J = np.asarray(observer.robot.jacobian(poses))[:, 3:]  # linear rows (n, 3, nv)
-    torques = np.einsum("di,kij->kdj", _DIRECTIONS, J)  # by 1 N in each direction
-    residuals = torques * -np.expm1(-observer.gain * _MAX_DETECTION_TIME)
+    J = np.asarray(observer.robot.jacobian(poses))
+    J_v = J[:, 3:]  # linear rows (n, 3, nv)
+    torques = np.einsum("di,kij->kdj", _DIRECTIONS, J_v)  # by 1 N in each direction
+    reached_share = -np.expm1(-observer.gain * _MAX_DETECTION_TIME)  # 1 - exp(-K t)
+    residuals = torques * reached_share
     shares = (np.abs(residuals) / threshold).max(axis=2)  # of the joint nearest to its threshold
     min_shares = shares.min(axis=1)  # in the worst direction
     is_sensitive = min_shares > _MIN_SENSITIVITY * shares.max()
-    forces = np.where(is_sensitive, 1.0 / np.maximum(min_shares, 1e-300), np.inf)
+    divisors = np.maximum(min_shares, 1e-300)  # not zero
+    forces = np.where(is_sensitive, 1.0 / divisors, np.inf)
     return float(np.median(forces))
 
 

@@ -24,7 +24,7 @@ class ExitCode(IntEnum):
     BAD_INPUT = 2
     """An argument, an option or a file cannot be used."""
     FAULT = 70
-    """Internal error of the program; the number is that of ``sysexits.h``."""
+    """Internal error of the program, with the number in ``sysexits.h``."""
     INTERRUPTED = 130
     """Interrupted by Ctrl-C: 128 + SIGINT, as in shells."""
     PIPE_CLOSED = 141

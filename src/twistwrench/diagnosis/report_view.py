@@ -67,15 +67,16 @@ def place_words(finding: Finding) -> str:
 
 def _heading(group: Sequence[Finding]) -> Line:
     """Heading of a group of findings: severity, check, number and places."""
-    first = group[0]
-    text = f"  {first.check}, {len(group)} findings"
+    first_finding = group[0]  # all have its check and severity
+    text = f"  {first_finding.check}, {len(group)} findings"
     places = [_short_place(finding) for finding in group[:_MAX_LISTED_PLACES]]
     if any(places):
         text += f": {', '.join(filter(None, places))}"
         omitted_count = len(group) - _MAX_LISTED_PLACES
         if omitted_count > 0:
             text += f", and {omitted_count} more"
-    return Line((str(first.severity), _SEVERITY_STYLES[first.severity]), text)
+    severity = first_finding.severity
+    return Line((str(severity), _SEVERITY_STYLES[severity]), text)
 
 
 def _short_place(finding: Finding) -> str:

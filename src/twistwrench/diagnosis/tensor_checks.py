@@ -33,7 +33,7 @@ MIN_EFFECT = 5.0
 _MAX_RATIO_TO_BOX = 2.0
 """Largest moment that fits the shapes, in units of the largest moment that the mass can have in the box of the shapes."""
 _MAX_IDENTIFIED_RATIO = 10.0
-"""Largest moment, in the same units, that base-parameter regrouping explains."""
+"""Largest ratio to the box, as above, that base-parameter regrouping explains."""
 _MAX_MILD_CHANGE = 0.5
 """Ratio of two changes of a tensor, to the nearest possible tensor and to the corrected slip, below which the message names
 the nearest tensor too."""
@@ -127,7 +127,7 @@ def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Findings on tensors whose largest gyration radius is below a thirtieth of the diagonal of the shapes."""
     for link, written in comparable_links(robot):
-        max_moment = float(np.linalg.eigvalsh(written.tensor)[-1])
+        *_, max_moment = np.linalg.eigvalsh(written.tensor).tolist()  # in ascending order
         radius = float(np.sqrt(max(max_moment, 0.0) / written.mass))
         diagonal = link.shapes.diagonal
         if radius >= _MIN_RADIUS_OF_DIAGONAL * diagonal or no_tensor(written):
@@ -180,7 +180,7 @@ def reference_of(link: ParsedLink) -> Array | None:
     tensor = link.shapes.tensor(link.written.mass)
     if tensor is None:
         return None
-    R = link.written.R
+    R = link.written.R  # axes of the written tensor in the link
     return np.asarray(R.T @ tensor @ R)
 
 

@@ -176,7 +176,7 @@ class _ModelElements:
             gear_row = int(_field(model, "actuator_outadr", k, k))
             control_row = int(_field(model, "actuator_ctrladr", k, k))
             types = (model.actuator_gaintype[k], model.actuator_biastype[k], model.actuator_dyntype[k])
-            gain_type = "fixed"  # the force is gain * control
+            gain_type = "fixed"  # the force is gain * control, if all types are 0
             if any(types):
                 gain_type = "affine"
             control_attributes: dict[str, Any] = {}
@@ -220,17 +220,17 @@ class _ModelElements:
             "cogging": bias[:3],
             "thermal": dynamics[2:5],
             "lugre": (*dynamics[5:7], *bias[3:6]),
-            "controller": (0.0, 0.0, 0.0, 0.0, 0.0, gain[7]),
+            "controller": (0.0, 0.0, 0.0, 0.0, 0.0, gain[7]),  # only its last parameter is in the gain
         }
 
     def _add_tendons(self, section: Element) -> None:
-        """Add the tendons; those on joints with their joints."""
+        """Add the tendons; a tendon on joints gets its joints."""
         model = self.model
         for t in range(model.ntendon):
             first_wrap = int(model.tendon_adr[t])
             wraps = range(first_wrap, first_wrap + int(model.tendon_num[t]))
             is_on_joints = all(int(model.wrap_type[i]) == _WRAP_JOINT for i in wraps)
-            spring_lengths = np.ravel(model.tendon_lengthspring[t])
+            spring_lengths = np.ravel(model.tendon_lengthspring[t])  # one, or the ends of a range
             tendon = _add(
                 section, "fixed" if is_on_joints else "spatial", name=model.tendon(t).name or str(t),
                 stiffness=_polynomial(model, "tendon_stiffness", t), springyield=_field(model, "tendon_springyield", t),

@@ -114,7 +114,7 @@ def short_text(value: object) -> str:
 class Section:
     """Mapping in a file, with the keys that lead to it."""
 
-    content: Any
+    content: Any  # the mapping; anything else is refused
     path: str
     """Keys from the top of the file, joined by arrows; empty for the file itself."""
 
@@ -139,7 +139,7 @@ class Section:
         return Section(self.content[key], self.where(key))
 
     def number(self, key: str, kind: str) -> float:
-        """Number of an entry in SI units; ``kind`` is that of its unit, empty for a number without one."""
+        """Number of an entry in SI units; ``kind`` is a key of UNITS, empty for a number without a unit."""
         value = self.content[key]
         if kind:
             return in_si(value, kind, self.where(key))
@@ -148,7 +148,7 @@ class Section:
     def vector(self, key: str, kind: str) -> Any:
         """Three numbers (3,) of an entry, each with a unit."""
         values = self.content[key]
-        shape: tuple[int, ...] = ()
+        shape: tuple[int, ...] = ()  # of texts and mappings, which are no vectors
         if not isinstance(values, str | Mapping):
             shape = np.shape(np.asarray(values, object))
         if shape != (3,):
@@ -158,7 +158,7 @@ class Section:
         return np.array([components.number(axis, kind) for axis in "xyz"])
 
     def optional(self, key: str, get: Callable[..., Any], *args: Any) -> dict[str, Any]:
-        """Value under a key, as ``{key: get(key, *args)}`` for keyword arguments; empty if the key is absent."""
+        """Keyword argument ``{key: get(key, *args)}`` from an entry; empty if the key is absent."""
         if key not in self.content:
             return {}
         return {key: get(key, *args)}

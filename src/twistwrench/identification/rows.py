@@ -74,8 +74,8 @@ class SteadySamples:
         for rows in rows_of_pieces:
             piece = cls.from_arrays(time[rows], q[rows], tau[rows], where)
             pieces.append(replace(piece, cut=bool(first_rows)))
-        longest = max(piece.seconds for piece in pieces)
-        return [piece for piece in pieces if piece.seconds >= _MIN_PIECE_SHARE * longest]
+        longest_seconds = max(piece.seconds for piece in pieces)
+        return [piece for piece in pieces if piece.seconds >= _MIN_PIECE_SHARE * longest_seconds]
 
     @classmethod
     def from_arrays(cls, time: Array, q: Array, tau: Array, where: str) -> SteadySamples:
@@ -236,12 +236,13 @@ def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
     duration = shortest_log
     if longest_piece:
         duration = min(shortest_log, 0.5 * longest_piece)  # shorter pieces then have no rows
-    lowest = max(_MIN_PERIODS / duration, rows / (ROW_RATE * total_seconds(samples)))
-    highest = _MAX_CUTOFF_SHARE * lowest_rate(samples)
+    cutoff_of_rows = rows / (ROW_RATE * total_seconds(samples))
+    lowest_cutoff = max(_MIN_PERIODS / duration, cutoff_of_rows)
+    highest_cutoff = _MAX_CUTOFF_SHARE * lowest_rate(samples)
     round_frequencies = [digit * 10.0**power for power in range(-1, 3) for digit in _CUTOFF_DIGITS]
-    candidates = tuple(frequency for frequency in round_frequencies if lowest <= frequency <= highest)
+    candidates = tuple(frequency for frequency in round_frequencies if lowest_cutoff <= frequency <= highest_cutoff)
     if not candidates:
-        return (highest,)
+        return (highest_cutoff,)
     return candidates
 
 

@@ -228,12 +228,12 @@ class Continuity:
     def from_parts(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
         """Columns with jumps, from excerpts of q (n, nq); ``turn``, () or (nq,), is a full turn in the excerpts' units."""
         rows = np.concatenate(parts)
-        smallest = rows.min(axis=0, initial=math.inf)
-        largest = rows.max(axis=0, initial=-math.inf)
+        smallest_q = rows.min(axis=0, initial=math.inf)
+        largest_q = rows.max(axis=0, initial=-math.inf)
         half_turn = 0.5 * np.asarray(turn)
         tolerance = _TURN_TOLERANCE * half_turn
-        is_about_zero = (smallest >= -half_turn - tolerance) & (largest <= half_turn + tolerance)
-        is_above_zero = (smallest >= -tolerance) & (largest <= turn + tolerance)
+        is_about_zero = (smallest_q >= -half_turn - tolerance) & (largest_q <= half_turn + tolerance)
+        is_above_zero = (smallest_q >= -tolerance) & (largest_q <= turn + tolerance)
         is_within_turn = is_about_zero | is_above_zero
         is_bounded = coordinates.angular & ~coordinates.endless
         return cls(coordinates.endless & is_within_turn, coordinates.quaternions, is_bounded & is_within_turn)
@@ -274,14 +274,14 @@ def configuration_of(
     what: Argument = _AT_ARGUMENT,
     start: Array | None = None,
 ) -> Array:
-    """Configuration (nq,) that a user gives; other joints keep their value in ``start``, the default of which is neutral.
+    """Configuration (nq,) that a user gives; other joints keep their value in ``start``.
 
     Parameters
     ----------
     given : (nq,) array, {joint: position}, name of a configuration of the robot, "v,v,…", "JOINT=VALUE", or a list of texts
     degrees : bool, given angles are in degrees
     what : Argument that errors name
-    start : (nq,) array, optional
+    start : (nq,) array, optional; None: neutral
 
     Raises
     ------
@@ -338,7 +338,7 @@ def _all_coordinates(robot: Robot, text: str, option: str, si_factors: Array) ->
     configurations = robot.configurations
     if text in configurations:
         return np.array(configurations[text])
-    # The rest is for the error message, and for numbers.
+    # The text has numbers; ``form`` is for the message if it does not.
     form = f"{robot.nq} numbers, {_first_names(robot.coordinate_names, ',')}; or JOINT=VALUE, as {_example(robot)}"
     if configurations:
         form += f"; or a configuration of the file: {_first_names(list(configurations), ', ')}"

@@ -1,4 +1,4 @@
-"""Limits and loads that can be those of a robot: one check for files, tables and options."""
+"""Limits and loads that a robot can have: one check for files, tables and options."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def shared_round(limits: Array) -> bool:
     known_limits = limits[np.isfinite(limits) & (limits > 0.0)]
     if len(known_limits) < _MIN_PLACEHOLDERS or np.ptp(known_limits) > 0.0:
         return False
-    limit = float(known_limits[0])
+    limit = float(known_limits[0])  # all are equal
     # With the tolerance, 9.99999999 counts as 10 and not as a number below it.
     power_of_ten = 10.0 ** np.floor(np.log10(limit * (1.0 + _TOLERANCE)))
     mantissa = limit / power_of_ten
@@ -126,24 +126,24 @@ def _degree_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
     has_position = coordinates.position_of >= 0
     q_entries = np.maximum(coordinates.position_of, 0)  # entry 0 for joints without one, which are left out below
     is_hinge = coordinates.angular_velocity & has_position
-    largest = _largest_positions(limits)
-    has_stops = is_hinge & ~coordinates.endless[q_entries] & np.isfinite(largest)
+    largest_positions = _largest_positions(limits)
+    has_stops = is_hinge & ~coordinates.endless[q_entries] & np.isfinite(largest_positions)
     has_stops &= ~limits.has_unit("lower") & ~limits.has_unit("upper")
     has_speed = is_hinge & np.isfinite(limits.velocity) & ~limits.has_unit("velocity")
-    in_degrees = has_stops & (largest > _MIN_DEGREES) & (largest < _MAX_DEGREES)
+    in_degrees = has_stops & (largest_positions > _MIN_DEGREES) & (largest_positions < _MAX_DEGREES)
     is_majority = in_degrees.sum() >= _MIN_JOINTS and 2 * in_degrees.sum() > has_stops.sum()
     is_too_fast = has_speed & (limits.velocity > FASTEST_TURN)
-    look_like_degrees = is_too_fast[in_degrees].any() or _are_protractor_angles(largest[in_degrees])
+    look_like_degrees = is_too_fast[in_degrees].any() or _are_protractor_angles(largest_positions[in_degrees])
     if not is_majority or not look_like_degrees:
-        in_degrees = _entries_beyond_file(largest, _largest_positions(file_limits), has_stops, _MIN_DEGREES)
+        in_degrees = _entries_beyond_file(largest_positions, _largest_positions(file_limits), has_stops, _MIN_DEGREES)
     doubts = []
     if in_degrees.any():
-        first = int(in_degrees.argmax())
-        doubts.append(_degree_doubt("position", first, largest, coordinates))
+        first_entry = int(in_degrees.argmax())  # the first True
+        doubts.append(_degree_doubt("position", first_entry, largest_positions, coordinates))
     in_degrees = _entries_beyond_file(limits.velocity, file_limits.velocity, has_speed, _MIN_DEGREES_PER_SECOND)
     if in_degrees.any():
-        first = int(in_degrees.argmax())
-        doubts.append(_degree_doubt("velocity", first, limits.velocity, coordinates))
+        first_entry = int(in_degrees.argmax())  # the first True
+        doubts.append(_degree_doubt("velocity", first_entry, limits.velocity, coordinates))
     return doubts
 
 
@@ -183,11 +183,12 @@ def _are_protractor_angles(values: Array) -> bool:
     if not is_whole.all() or values.max(initial=0.0) < _QUARTER_TURN:
         return False
     are_different = np.ptp(values) > 0.0
-    return bool(are_different or values[0] % _QUARTER_TURN == 0.0)
+    first_is_quarter_turns = values[0] % _QUARTER_TURN == 0.0  # then all are, if they are equal
+    return bool(are_different or first_is_quarter_turns)
 
 
 def _effort_unit_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
-    """Doubt about efforts that all differ from those of the robot's file by one factor."""
+    """Doubt about efforts that all differ from the efforts of the robot's file by one factor."""
     file_effort = robot.limits.effort
     is_known_in_file = np.isfinite(file_effort) & (file_effort > 0.0)
     is_known = np.isfinite(limits.effort) & (limits.effort > 0.0)
@@ -290,12 +291,13 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
     if weight_share(robot, turning_entries, effort) < _MAX_ROUNDING_SHARE:
         return ""
     arm_efforts = tuple(effort[arm].tolist())
-    smallest, largest = min(arm_efforts), max(arm_efforts)
-    if smallest == largest:
-        efforts_text = f"effort {number(largest)} on all {len(arm)} joints"
+    min_effort = min(arm_efforts)
+    max_effort = max(arm_efforts)
+    if min_effort == max_effort:
+        efforts_text = f"effort {number(max_effort)} on all {len(arm)} joints"
         pronoun = "it"
     else:
-        efforts_text = f"efforts of {number(smallest)} to {number(largest)}"
+        efforts_text = f"efforts of {number(min_effort)} to {number(max_effort)}"
         pronoun = "them"
     for name, efforts in _EFFORTS_OF_ARMS.items():
         if arm_efforts == efforts:
@@ -307,7 +309,8 @@ def placeholder_limits(robot: Robot, limits: Limits) -> str:
 
 def weight_share(robot: Robot, entries: list[int], effort: Array) -> float:
     """Largest ratio of gravity torque to effort (nv,) over some entries of τ, at the worst of random poses."""
-    shares = weight_torques(robot)[entries] / effort[entries]
+    torques = weight_torques(robot)
+    shares = torques[entries] / effort[entries]
     return float(shares.max())
 
 

@@ -73,7 +73,8 @@ def _heading(model: Model) -> Line:
         bodies += f" and {rotor_count} rotors"
     counts = f"{bodies}, {model.nq} coordinates, {model.nv} velocities, {len(model.all_frames)} frames"
     gravity = " ".join(map(number, model.gravity))
-    moving_mass, fixed_mass = number(model.moving_mass), number(model.base_inertia.mass)
+    moving_mass = number(model.moving_mass)
+    fixed_mass = number(model.base_inertia.mass)
     masses = f"mass {moving_mass} kg moving, {fixed_mass} kg fixed  ·  gravity [{gravity}] m/s²"
     text = f"  {counts}\n{masses}  ·  tip {_tip(model)}"
     if model.configurations:
@@ -116,7 +117,7 @@ def _joints_table(model: Model, *, degrees: bool) -> Table:
     for heading, figures in _joint_figures(model, unit_factors).items():
         cells = ["" if row.velocity is None else float(figures[row.velocity]) for row in rows]
         columns.append(numbers(heading, cells))
-    unit_text = partial(heading_unit, turning=(True, False), degrees=degrees)
+    unit_text = partial(heading_unit, turning=(True, False), degrees=degrees)  # of revolute and sliding joints
     return Table(
         f"Joints: positions in {unit_text('q')}, velocities in {unit_text('dq')}, efforts in {unit_text('tau')}",
         words("joint", [row.name for row in rows]),
@@ -147,7 +148,7 @@ def _joint_figures(model: Model, unit_factors: Array) -> dict[str, Array]:
     """Limits, friction and armature (nv,) by the heading of their column, in the units of the table."""
     limits = model.limits
     friction = model.friction
-    is_coupled = coupled_entries(model)  # friction and armature are those of motors, in the table of the coupling
+    is_coupled = coupled_entries(model)  # the table of the coupling has their friction and armature, of the motors
     figures = {
         "lower": unit_factors * limits.lower,
         "upper": unit_factors * limits.upper,
@@ -208,7 +209,7 @@ def _mimic_rule(follower: Body, leader: str, leader_factor: float, *, degrees: b
     ``leader_factor`` converts the leader's position to its unit in the table.
     """
     factor = 1.0
-    is_angular = follower.joint.axes[0, :3].any()
+    is_angular = follower.joint.axes[0, :3].any()  # angular part of the screw axis
     if degrees and is_angular:
         factor = math.degrees(1.0)
     ratio = follower.ratio * (factor / leader_factor)
@@ -226,7 +227,8 @@ def _inertias_table(model: Model, level: Level) -> Table:
     links, carriers, masses, centres, moments = [], [], [], [], []
     for link, inertia in _links_with_mass(model).items():
         links.append(link)
-        carriers.append(link_of(model, body_of_link(model, link)))
+        carrier = body_of_link(model, link)
+        carriers.append(link_of(model, carrier))
         masses.append(inertia.mass)
         centres.append(" ".join(map(number, inertia.com)))
         principal_moments, *_ = inertia.principal()
@@ -260,7 +262,7 @@ def _tree(model: Model, level: Level) -> Branch:
     branches = {BASE: root}
     depths = {BASE: 0}
     for i, b in enumerate(model.bodies):
-        if not b.joint.moves_body and b.follows:  # a rotor stands beside the body that carries it
+        if b.follows and not b.joint.moves_body:  # a rotor stands beside the body that carries it
             branches[b.parent].label.pieces.append((f"  · {b.link}", Style.QUIET))
             continue
         if depths[b.parent] == MAX_DEPTH:

@@ -72,7 +72,7 @@ def verdict_view(report: TorqueReport, verdict: Verdict | None = None) -> Headli
     if verdict is None:
         verdict = report.verdict
     load = report.load
-    supports = report.held  # of the robot on the ground, of the payload in a grip, of the base on its foundation
+    supports = report.held  # what holds the robot on the ground, the payload, and the base
     reasons = verdict.reasons
     if not reasons:
         reasons = (_ok_sentence(report),)
@@ -205,7 +205,8 @@ def _near_limits(report: TorqueReport) -> list[dict[str, Any]]:
     nearest = []
     for kind, least_share in (("velocity", NEAR_LIMIT), ("position", AT_STOP)):
         if kind in near_by_kind:
-            nearest.append(vars(near_by_kind[kind]) | {"least": least_share})
+            entries = vars(near_by_kind[kind])
+            nearest.append({**entries, "least": least_share})
     if report.measured:
         use = max(report.measured, key=lambda use: use.share)
         nearest.append({
@@ -307,7 +308,7 @@ def verdict_data(
 def _doubts_of_all_loads(
     load: LoadCase, report: TorqueReport | None, refused: Sequence[str]
 ) -> tuple[Sequence[str], Sequence[str], Sequence[str]]:
-    """Reasons to look again; reasons to be unsure that stand before those on gaps of a log; and those after."""
+    """Reasons to look again; and reasons to be unsure, before and after the reasons on gaps of a log."""
     if report is None:
         return list(refused), model_warnings(load.with_load.model), []
     return contradictions(report), *carried_doubts(report)

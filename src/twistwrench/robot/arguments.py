@@ -33,7 +33,7 @@ _MAX_LISTED_ENTRIES = 12
 def is_symbolic(arrays: Sequence[Any]) -> bool:
     """True if any of the arrays holds symbols of a trace."""
     if all(isinstance(x, np.ndarray) and x.dtype != object for x in arrays):
-        return False
+        return False  # the usual case, without the import
     from ..compiler.ir.expr import Expr
 
     for x in arrays:
@@ -144,7 +144,7 @@ def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str,
         listed = ", ".join(f"{label} {batch_shape}" for label, batch_shape in batch_shapes)
         return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
     except RuntimeError:  # more axes than NumPy supports
-        label, batch_shape = max(batch_shapes, key=lambda label_and_shape: len(label_and_shape[1]))
+        label, batch_shape = max(batch_shapes, key=lambda pair: len(pair[1]))  # with most batch axes
         return ShapeError(
             f"{name}: {label} has {len(batch_shape)} batch axes. NumPy's arrays have at most 64 axes, those of one result "
             "included. Reshape the batch to one axis."

@@ -194,7 +194,8 @@ class Engine:
         for body in self.model.leaders:
             joint_of_velocity += [body.joint.name] * body.joint.nv
         # With ones on its diagonal, M is compared without regard to the joints' units.
-        root_diagonal = np.sqrt(np.abs(np.diagonal(M)))
+        diagonal = np.abs(np.diagonal(M))
+        root_diagonal = np.sqrt(diagonal)
         scale = np.where(root_diagonal > 0, root_diagonal, 1.0)
         eigenvalues, eigenvectors = np.linalg.eigh(M / np.outer(scale, scale))
         is_null = np.abs(eigenvalues) <= _MAX_NULL_EIGENVALUE * self.model.nv
@@ -318,7 +319,8 @@ class Engine:
             return
         from ..compiler.runtime.dispatch import CallSignature
 
-        kernel = self._called_kernels[key[0] if options else name]
+        kernel_key_of_call = (name, *options.values()) if options else name
+        kernel = self._called_kernels[kernel_key_of_call]
         signature = CallSignature(tuple(options.items()), batch_shape, type_char)
         call_count = earlier_calls + 1
         is_settled = offer(name, kernel, signature, call_count)

@@ -99,7 +99,7 @@ class KnownRobots(Answer):
             robots_by_source.setdefault(robot.source, []).append(robot)
         for source, robots_of_source in robots_by_source.items():
             names_by_file = _names_by_file(robots_of_source)
-            shortest_names = sorted(names[0] for names in names_by_file.values())
+            shortest_names = sorted(names[0] for names in names_by_file.values())  # the first one of each file
             count_text = "1 robot" if len(shortest_names) == 1 else f"{len(shortest_names)} robots"
             yield Aligned(f"{count_text} of {source}", [("", " ".join(shortest_names))], name_columns, gap="")
         for source, robots_of_source in robots_by_source.items():
@@ -132,7 +132,7 @@ _MIN_GAP = 2
 def _description(name: str) -> str:
     """First line of the docstring of a bundled robot, without its remark on options."""
     docstring = getattr(robots, name).__doc__ or ""
-    first_line = docstring.strip().split("\n")[0]
+    first_line, *_ = docstring.strip().split("\n")
     description, _, _ = first_line.partition("; options as")
     return description.replace("``", "")
 

@@ -74,7 +74,8 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
         """Whitened columns (N, k) of length 1; zero columns are left out."""
         whitened = (columns[kept] / scale[..., None]).reshape(e.size, -1)
         lengths = np.linalg.norm(whitened, axis=0)
-        return np.asarray(whitened[:, lengths > 0] / lengths[lengths > 0])
+        is_nonzero = lengths > 0
+        return np.asarray(whitened[:, is_nonzero] / lengths[is_nonzero])
 
     basis = orthonormal(unit_columns(fit.design))
     columns_by_kind = _candidates(problem, fit)
@@ -177,7 +178,8 @@ def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
     for kind, is_possible in possible.items():
         if is_possible and not getattr(fit.unknowns, kind):
             unknowns = problem.with_unknowns(**{kind: True}).unknowns
-            columns[kind] = unknowns.design(log, problem.factor, state)[..., unknowns.part(kind)]
+            design = unknowns.design(log, problem.factor, state)
+            columns[kind] = design[..., unknowns.part(kind)]
     gain_columns = np.einsum("nk,cd->ncdk", _load_wrenches(fit), np.eye(_CHANNELS))
     columns["gain"] = gain_columns.reshape(len(log), _CHANNELS, _CHANNELS**2)
     return columns
@@ -197,8 +199,9 @@ def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, expla
     """
     found: dict[str, Any] = {"share": share}
     if kind in ("drift", "gain"):
-        change = listed_bias(explained[-1] - explained[0])
-        size = percent(largest_share(explained, _load_wrenches(fit)[kept]), 2)
+        change = listed_bias(explained[-1] - explained[0])  # from the first to the last reading
+        load_wrenches = _load_wrenches(fit)
+        size = percent(largest_share(explained, load_wrenches[kept]), 2)
         return doubt(f"sensor-{kind}", bias=change, size=size, share=percent(share), found=found)
     scale = fit.deviation[kept]
     A = np.concatenate([columns[kept], fit.design[kept]], axis=-1) / scale[..., None]
@@ -206,7 +209,8 @@ def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, expla
     changes, *_ = np.linalg.lstsq(A.reshape(_CHANNELS * len(scale), -1), residuals, rcond=None)
     x = changes[: columns.shape[-1]]  # of the unknown
     if kind == "delay":
-        value = 1e3 * float(x[0])
+        (delay,) = x.tolist()  # [s]
+        value = 1e3 * delay
         unit = "ms"
     else:  # an angle
         value = math.degrees(float(np.linalg.norm(x)))

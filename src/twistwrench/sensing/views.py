@@ -76,7 +76,7 @@ def _parameter_rows(found: Identification) -> Iterator[tuple[Any, ...]]:
     for axis, x, (low, high) in zip("xyz", load.com, found.com_intervals, strict=True):
         yield f"centre of mass {axis}", "mm", *_estimate_cells(_MILLI * x, 0.5 * _MILLI * (high - low))
     if unknowns.inertia:
-        for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):
+        for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):  # upper triangle, column by column
             name = f"I{'xyz'[i]}{'xyz'[j]}"
             cells = _estimate_cells(load.moment_about_origin[i, j], half_width(name))
             yield f"{name} about the origin", "kg m²", *cells
@@ -96,7 +96,8 @@ def _parameter_rows(found: Identification) -> Iterator[tuple[Any, ...]]:
             low, high = found.interval(f"drift {axis}")
             yield f"drift {axis}", f"{_unit(axis)}/{step_unit}", *_estimate_cells((low + high) / 2, (high - low) / 2)
     if unknowns.tilt:
-        tilt = math.degrees(np.linalg.norm(so3.log(found.fit.state.tilt)))
+        rotation_vector = so3.log(found.fit.state.tilt)
+        tilt = math.degrees(np.linalg.norm(rotation_vector))
         larger_half_width = max(half_width("tilt 1"), half_width("tilt 2"))
         yield "base tilted by", "°", *_estimate_cells(tilt, math.degrees(larger_half_width))
     if unknowns.delay:
@@ -199,14 +200,14 @@ def _heading(log: ReadingLog, sign: str) -> Line:
     return Line((Path(log.name).name, Style.STRONG), f"  {len(log)} readings{duration}, {motion}, sign {sign}")
 
 
-def _readings_table(log: ReadingLog, compensated: Array, kept: Array) -> Table:
+def _readings_table(log: ReadingLog, compensated: Array, is_kept: Array) -> Table:
     """Root mean squares of the kept readings before and after compensation."""
-    before = np.sqrt(np.mean(log.readings[kept] ** 2, axis=0))
-    after = np.sqrt(np.mean(compensated[kept] ** 2, axis=0))
+    rms_before = np.sqrt(np.mean(log.readings[is_kept] ** 2, axis=0))
+    rms_after = np.sqrt(np.mean(compensated[is_kept] ** 2, axis=0))
     columns = []
     show_number = partial(number, decimals=4)
-    for axis, before_value, after_value in zip(WRENCH, before, after, strict=True):
-        columns.append(numbers(axis, [before_value, after_value], show_number, _unit(axis), headed=False))
+    for axis, before, after in zip(WRENCH, rms_before, rms_after, strict=True):
+        columns.append(numbers(axis, [before, after], show_number, _unit(axis), headed=False))
     heading = f"Readings, root mean square [{heading_unit('tau', (True, False))}]"
     return Table(heading, words("", ["before", "after"], fold=False), *columns)
 

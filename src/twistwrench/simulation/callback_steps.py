@@ -45,7 +45,8 @@ class CallbackSteps(CompiledSteps):
         stage_state = y
         rate_sums = np.zeros_like(y)
         start_ddq = np.zeros(0)
-        start = self.parts(y[..., None, :])
+        start_parts = self.parts(y[..., None, :])
+        peak = 0.0  # peaks of single stages are not used
         for k, coefficients in enumerate(self.table[:count]):
             stage_inputs = self._inputs_at(t + self.shares[k] * h, stage_state)
             inputs = [value[..., None, :] for value in stage_inputs]
@@ -54,10 +55,11 @@ class CallbackSteps(CompiledSteps):
             reports = [ddq]
             if s.contacts:
                 reports.append(np.empty((*ddq.shape[:-1], len(s.contacts))))  # gaps
-            peak = np.empty(next_state.shape[:-1])
-            out = (*self.parts(next_state), peak, *self.parts(next_sums), *reports)
+            next_peak = np.empty(next_state.shape[:-1])
+            out = (*self.parts(next_state), next_peak, *self.parts(next_sums), *reports)
             state_parts, sum_parts = self.parts(stage_state), self.parts(rate_sums)
-            self.kernel(*state_parts, 0.0, *sum_parts, *start, coefficients[None], np.array([h]), *inputs, out=out)
+            step = np.array([h])
+            self.kernel(*state_parts, peak, *sum_parts, *start_parts, coefficients[None], step, *inputs, out=out)
             stage_state, rate_sums = next_state[..., 0, :], next_sums[..., 0, :]
             if k == 0:
                 start_ddq = ddq[..., 0, :]
@@ -100,7 +102,7 @@ class CallbackRows:
         n = self.calls_per_step
         calls = np.arange(m * n)  # index of each call
         step_of_call = calls // n
-        first_row = np.zeros(m * n, int)  # for arrays with one row, which all calls use
+        first_row = np.zeros(m * n, int)  # index 0 for each call: arrays with one row
         self.states = np.zeros((m * n + 1, s.size))
         """States at the start of each call, and after the last one."""
         self.ddq = np.zeros((m * n, s.nv))
@@ -118,7 +120,7 @@ class CallbackRows:
         self.tau = self.given[:: len(self.given) // m]
         """(m, nv), torques at the start of each step."""
         self.peaks = np.zeros(m * n + 1)
-        """Peaks of these states: see :meth:`.StepPlan._with_peak`."""
+        """Peak of each row of ``states``: see :meth:`.StepPlan._with_peak`."""
         state_inputs = [*_parts(steps, self.states, calls), (self.peaks, calls)]
         state_outputs = [*_parts(steps, self.states, calls + 1), (self.peaks, calls + 1)]
         if n > 1:
@@ -143,9 +145,9 @@ class CallbackRows:
 
         self._law_values = {name: inputs[name][0] for name, _ in steps.laws}
         q, dq, _ = steps.parts(self.states[:-1])
-        self._calls = list(
-            zip(steps.shares * m, calls.tolist(), q, dq, strict=True)
-        )  # the first four entries of a Stage
+        share_of_call = steps.shares * m  # a list, repeated for each step
+        # The first four entries of each Stage:
+        self._calls = list(zip(share_of_call, calls.tolist(), q, dq, strict=True))
         self.sole: ControlLaw | None = None
         """The only callback, if it gives the torques of every call."""
         self.steps: list[list[Stage]] = []
@@ -168,13 +170,14 @@ class CallbackRows:
             rows = cls(steps, m)
         rows._begin(steps, controller, constant)
         yield rows
-        rows.steps = rows._plain_steps  # keeps no reference to callbacks
+        rows.steps = rows._plain_steps  # rows in the cache keep no callbacks alive
         rows.sole = None
         free_rows.append(rows)
 
     def _begin(self, steps: CompiledSteps, controller: ControlLaw | None, constant: Array) -> None:
         """Set the numbers and callbacks of a run; ``constant`` are its constant torques (nv,)."""
-        laws, n = steps.laws, self.calls_per_step
+        laws = steps.laws
+        n = self.calls_per_step
         self._h[0] = steps.h
         self.held[:] = constant
         for name, x in steps.constants.items():
@@ -205,7 +208,7 @@ class CallbackRows:
     def _steps(self, evaluations: list[list[Evaluation]]) -> list[list[Stage]]:
         """Calls of each step with their evaluations."""
         n = self.calls_per_step
-        calls = [(*call, of_call) for call, of_call in zip(self._calls, evaluations, strict=True)]
+        calls = [(*call, own) for call, own in zip(self._calls, evaluations, strict=True)]
         return [calls[k : k + n] for k in range(0, len(calls), n)]
 
 

@@ -229,7 +229,8 @@ def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str,
     inputs = [q0]
     if parameters:
         mass_matrix = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
-        inputs.append(np.stack(np.broadcast_arrays(*parameters.values()), axis=-1))
+        columns = np.broadcast_arrays(*parameters.values())
+        inputs.append(np.stack(columns, axis=-1))
     try:
         with np.errstate(all="ignore"):  # non-finite states end as unstable motions
             M = mass_matrix(*(np.asarray(x, float) for x in inputs))
@@ -246,15 +247,16 @@ def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
     """Largest dry friction of each joint without load, (..., nv)."""
     friction = robot.model.friction
     shape = np.broadcast_shapes(*(x.shape for x in parameters.values()))
-    largest = np.broadcast_to(np.maximum(friction.static, friction.coulomb), (*shape, robot.nv)).copy()
+    friction_of_model = np.maximum(friction.static, friction.coulomb)
+    largest_friction = np.broadcast_to(friction_of_model, (*shape, robot.nv)).copy()
     for body in robot.model.leaders:
         if body.joint.nv == 1:
             k = body.v_index
             drive = robot.model.drive_names[k]
             static = parameters.get(f"{drive}.static", friction.static[k])
             coulomb = parameters.get(f"{drive}.coulomb", friction.coulomb[k])
-            largest[..., k] = np.maximum(static, coulomb)
-    return largest
+            largest_friction[..., k] = np.maximum(static, coulomb)
+    return largest_friction
 
 
 class EasedFriction:
@@ -302,10 +304,10 @@ def easing_remark(model: Model, creep: Array) -> str | None:
     if not dry.any():
         return None
     speeds = np.where(dry, creep, 0.0).reshape(-1, len(dry)).max(axis=0)
-    worst = int(np.argmax(speeds))
+    k = int(np.argmax(speeds))
     return (
         "dry friction is eased off at low speeds: joints that it would hold creep, at up to about "
-        f"{printed(speeds[worst], 2)} rad/s or m/s (most of all {model.drive_labels[worst]!r}), and one that moves as "
+        f"{printed(speeds[k], 2)} rad/s or m/s (most of all {model.drive_labels[k]!r}), and one that moves as "
         "slowly keeps three quarters of its friction; semi-implicit steps ease nothing"
     )
 
@@ -365,8 +367,8 @@ WORKS = ("torques", "friction", "wrenches", "contacts")
 """Sources of work, in the order of the last entries of a state and of its powers."""
 _POWERS = slice(-len(WORKS), None)
 """Entries of works in a state, and of powers in its rate."""
-_WRENCHES, _CONTACTS = 2, 3
-"""Indices of wrenches and contacts in ``WORKS``."""
+_WRENCHES = WORKS.index("wrenches")
+_CONTACTS = WORKS.index("contacts")
 
 
 class System:
@@ -397,7 +399,7 @@ class System:
         self.functions = self._functions()
         """Callbacks: name, and generalised forces (m, nv) at times (m,) and states (m, size)."""
         self.dry_friction: DryFrictionStep | None = None
-        """Steps with implicit friction and velocity gains; accelerations are then those of such a step."""
+        """Steps with implicit friction and velocity gains, which then give the accelerations too; None without."""
         self._last: tuple[float, float, Array, Array, Array, Array, Array] | None = None
         """Last braked step: t, h, controller's torques, state, and its results v, applied torques, powers."""
         self.held = np.zeros(robot.nv)
@@ -428,7 +430,8 @@ class System:
     def forces(self, t: float, q: Array, dq: Array, powers: Array) -> Array:
         """Generalised force (nv) of everything but gravity and springs; writes the powers to ``powers`` (4,) [W]."""
         tau = self._torques(t, q, dq)
-        self.applied, total = tau, tau
+        self.applied = tau
+        total = tau
         powers[0] = tau @ dq
         if self.friction is not None:
             total = self.friction.net_torques(dq, tau)
@@ -442,14 +445,18 @@ class System:
         """Velocities after a step of length ``h`` from a state; powers as by :meth:`forces`, averaged over the step."""
         assert self.dry_friction is not None
         last = self._last
-        if last is not None and last[:2] == (t, h) and last[2] is self.held and np.array_equal(last[3], y):
-            v, self.applied, powers[:] = last[4:]
-            return v
+        if last is not None:
+            last_t, last_h, last_held, last_y, v, last_applied, last_powers = last
+            if last_t == t and last_h == h and last_held is self.held and np.array_equal(last_y, y):
+                self.applied = last_applied
+                powers[:] = last_powers
+                return v
         q, dq = self.split(y)
         middle = self.dry_friction.middle(self.manifold, q, dq, h)
         pushes = list(self._pushes(t, q, dq, middle))
         total_push = sum((push for _, push in pushes), np.zeros(self.nv))
-        tau, gains = self._torques(t, q, dq), self.dry_friction.gains
+        tau = self._torques(t, q, dq)
+        gains = self.dry_friction.gains
         v, self.applied, friction_torques = self.dry_friction.kernel(middle, dq, h, tau, total_push, gains)
         mean_velocities = 0.5 * (dq + v)
         powers[:] = self.applied @ mean_velocities, friction_torques @ mean_velocities, 0.0, 0.0
@@ -513,7 +520,7 @@ class System:
         return np.asarray(self.robot.forward_dynamics(q, dq, force)), tau
 
     def total(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
-        """Torques tau (m, nv) minus friction, plus those of wrenches and contacts."""
+        """Torques tau (m, nv) minus friction, plus the torques of wrenches and contacts."""
         total = tau
         if self.friction is not None:
             total = self.friction.net_torques(dq, tau)

@@ -79,11 +79,12 @@ def build_run(
     method = ADAPTIVE if method is None else method
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to simulate: robot {robot.name!r} has no joint that moves.")
-    n, end = _count_steps(duration, dt, whole(every, "every"))
+    every = whole(every, "every")
+    n, end = _count_steps(duration, dt, every)
     h = end / n
     constant_torques, law = torque_law(tau, robot.nv)
-    surfaces = _contacts(robot, contacts)
-    forces: dict[str, Any] = {"tau": law, "wrenches": wrench_laws(robot, wrench_on_robot), "contacts": surfaces}
+    robot_contacts = _contacts(robot, contacts)
+    forces: dict[str, Any] = {"tau": law, "wrenches": wrench_laws(robot, wrench_on_robot), "contacts": robot_contacts}
     system = System(robot, **forces) if loops is None else loops.system_under(**forces)
     system.held = constant_torques
     scheme = scheme_of(method, system)
@@ -91,21 +92,22 @@ def build_run(
     if loops is not None:
         scheme = loops.scheme_on(scheme)
         loops.begin(y0)
-    remarks = _remarks_at_start(surfaces, y0[: robot.nq], h, dt)
+    remarks = _remarks_at_start(robot_contacts, y0[: robot.nq], h, dt)
     friction = arguments.flag(friction, "friction")
     remarks += _set_friction(system, scheme, y0, h, method=method, tau=tau, friction=friction, creep=creep, loops=loops)
     watched_events = _check_events(events)
     position_limits = _position_limits(robot, limits, y0)
     run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     run.friction = friction
-    if watched_events or surfaces or position_limits is not None:
-        run.detector = EventDetector(watched_events, system.split, position_limits, surfaces)
+    if watched_events or robot_contacts or position_limits is not None:
+        run.detector = EventDetector(watched_events, system.split, position_limits, robot_contacts)
     if controller is not None:
         meaning = ", a torque for each velocity"
         run.controller = ControlLaw.from_function(controller, "the controller", (robot.nv,), meaning)
         run.constant = constant_torques
-    tolerances = positive(rtol, "rtol"), positive(atol, "atol")
-    longest_step = _longest_step(max_step, method, h, default=h if surfaces else np.inf)  # h with contacts
+    tolerances = (positive(rtol, "rtol"), positive(atol, "atol"))
+    default_step = h if robot_contacts else np.inf  # longer steps could miss a contact
+    longest_step = _longest_step(max_step, method, h, default_step)
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
         run.tick = lambda t: progress(min(t / end, 1.0))
@@ -113,14 +115,14 @@ def build_run(
     return run
 
 
-def _remarks_at_start(surfaces: list[PlaneContact | StopContact], q0: Array, h: float, dt: float) -> list[str]:
+def _remarks_at_start(robot_contacts: list[PlaneContact | StopContact], q0: Array, h: float, dt: float) -> list[str]:
     """Remarks on a step h other than dt, and on contact points that start in the ground."""
     remarks = []
     if abs(h - dt) > _STEP_TOLERANCE * dt:
         remarks.append(f"states {printed(h)} s apart, not {printed(dt)} s, so that a whole number fills it")
-    for surface in surfaces:
-        if isinstance(surface, PlaneContact):
-            remark = surface.remark_at_start(q0)
+    for contact in robot_contacts:
+        if isinstance(contact, PlaneContact):
+            remark = contact.remark_at_start(q0)
             if remark:
                 remarks.append(remark)
     return remarks
@@ -155,14 +157,14 @@ def _take_steps(run: Run, tolerances: tuple[float, float], longest_step: float, 
 
 def _compile_steps(run: Run, loops: Loops | None) -> CompiledSteps | None:
     """Compiled steps of a run; None if they cannot be compiled, or if events or a controller observe constrained steps."""
-    steps: type[CompiledSteps] = CompiledSteps
+    steps_class: type[CompiledSteps] = CompiledSteps
     if loops is not None:
         if run.detector is not None or run.controller is not None:
             return None
-        steps = loops.steps
+        steps_class = loops.steps
     elif run.system.functions:
-        steps = CallbackSteps
-    return steps.build(run.system, run.method, run.scheme.order, run.h)
+        steps_class = CallbackSteps
+    return steps_class.build(run.system, run.method, run.scheme.order, run.h)
 
 
 def _set_friction(
@@ -244,12 +246,12 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
     if dq0 is not None:
         y[system.moving] = _initial_values(dq0, "dq0", robot.model.velocity_names)
     for quaternion in robot.model.quaternions:
-        largest = float(np.abs(y[quaternion]).max())
-        if largest == 0.0:
+        largest_entry = float(np.abs(y[quaternion]).max())
+        if largest_entry == 0.0:
             raise ValueRangeError(
                 "q0 has a quaternion of zeros, which is not a rotation; the identity is (1, 0, 0, 0)."
             )
-        y[quaternion] /= largest  # scaled first: the square may overflow or underflow
+        y[quaternion] /= largest_entry  # scaled first: the square may overflow or underflow
     system.manifold.normalise(y[: robot.nq])
     return y
 
@@ -280,13 +282,13 @@ def _contacts(robot: Robot, contacts: Any) -> list[PlaneContact | StopContact]:
             raise ValueRangeError(
                 f"contacts has {surface!r}, and takes tw.simulation.Plane and tw.simulation.JointStops."
             )
-    contacts_of_robot: list[PlaneContact | StopContact] = []
+    robot_contacts: list[PlaneContact | StopContact] = []
     for surface in surfaces:
         if isinstance(surface, Plane):
-            contacts_of_robot.append(PlaneContact(robot, surface))
+            robot_contacts.append(PlaneContact(robot, surface))
         else:
-            contacts_of_robot.append(StopContact(robot, surface))
-    return contacts_of_robot
+            robot_contacts.append(StopContact(robot, surface))
+    return robot_contacts
 
 
 def _check_events(events: Any) -> list[Event]:

@@ -33,6 +33,7 @@ _TEXT_ENTRY = "said"
 _ZIP_BEGIN = b"PK"
 """First bytes of an archive."""
 _ARRAY_FIELDS = ("times", "q", "dq", "ddq", "tau", "kinetic_energy", "potential_energy", "momentum")
+"""Fields that are stored as arrays."""
 _TEXT_FIELDS = {
     "robot": str,
     "coordinate_names": list,
@@ -91,7 +92,7 @@ def _header_and_factors_in_degrees(result: SimulationResult, header: list[str]) 
         "dq": np.where(coordinates.angular_velocity, np.degrees(1.0), 1.0),
     }
     time_heading = header[0]
-    other_headings = header[1 + len(state_headings) :]
+    other_headings = header[1 + len(state_headings) :]  # after time and states
     return [time_heading, *state_headings, *other_headings], factors
 
 
@@ -143,7 +144,7 @@ def read(path: str | Path) -> SimulationResult:
 
 def _read(path: Path) -> SimulationResult:
     """Result from a file; a file that does not begin like an archive is read as CSV."""
-    max_bytes = MOST_BYTES if is_stream(path) else sys.maxsize
+    max_bytes = MOST_BYTES if is_stream(path) else sys.maxsize  # only a stream can be endless
     try:
         data = read_bytes(path, max_bytes)
     except FileNotFoundError:
@@ -174,9 +175,9 @@ def _read_csv(data: bytes) -> SimulationResult:
         )
     comment = lines.readline()
     text_content = json.loads(comment[1:])  # without the sign of a comment
-    fields = _validated_fields(text_content)
-    coordinate_names = fields["coordinate_names"]
-    velocity_names = fields["velocity_names"]
+    text_fields = _validated_fields(text_content)
+    coordinate_names = text_fields["coordinate_names"]
+    velocity_names = text_fields["velocity_names"]
     first_row = next(csv.reader(lines), [])
     header = [unescape_cell(cell) for cell in first_row]
     factors = _si_factors(header, _column_headings(coordinate_names, velocity_names))
@@ -205,7 +206,7 @@ def _read_csv(data: bytes) -> SimulationResult:
         "momentum": momentum,
     }
     works = {name: column[:, 0] for name, column in zip(WORKS, work_columns, strict=True)}
-    return _checked_result(fields, arrays, works)
+    return _checked_result(text_fields, arrays, works)
 
 
 def _text_fields(result: SimulationResult) -> str:
@@ -219,7 +220,7 @@ def _validated_fields(content: Any) -> dict[str, Any]:
     """Text fields, error estimate and events from the JSON of a file; raises TrajectoryError unless they have their types."""
     if not isinstance(content, dict):
         raise _content_error("a text field")
-    content = {**_LATER_FIELDS, **content}  # older files lack them
+    content = {**_LATER_FIELDS, **content}  # older files lack the later fields
     fields: dict[str, Any] = {}
     for name, field_type in _TEXT_FIELDS.items():
         value = content.get(name)
@@ -269,11 +270,11 @@ def _content_error(label: str) -> TrajectoryError:
 
 
 def _checked_result(
-    fields: Mapping[str, Any], arrays: Mapping[str, Array], works: Mapping[str, Array]
+    text_fields: Mapping[str, Any], arrays: Mapping[str, Array], works: Mapping[str, Array]
 ) -> SimulationResult:
     """Result from the content of a file, after a check of its shapes."""
     n = np.size(arrays["times"])
-    nq, nv = len(fields["coordinate_names"]), len(fields["velocity_names"])
+    nq, nv = len(text_fields["coordinate_names"]), len(text_fields["velocity_names"])
     if not n:
         raise TrajectoryError("the file of a simulation has no state.")
     widths = {"q": nq, "dq": nv, "ddq": nv, "tau": nv, "momentum": len(MOMENTUM)}
@@ -283,4 +284,4 @@ def _checked_result(
         checked_arrays[name] = _checked_array(repr(name), x, shape)
     work = {name: _checked_array(f"the work of {name}", x, (n,)) for name, x in works.items()}
     has_friction = bool(np.any(work["friction"]))
-    return SimulationResult(**fields, **checked_arrays, work=work, friction=has_friction)
+    return SimulationResult(**text_fields, **checked_arrays, work=work, friction=has_friction)

@@ -183,12 +183,12 @@ def validate_inputs(
 ) -> Inputs:  # fmt: skip
     """Validated inputs of a rollout; raises ShapeError, ValueRangeError and UnknownNameError.
 
-    ``step_of`` may change the plan of its step.
+    ``step_of`` returns the plan to use in place of the plan of a step.
     """
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
     if hasattr(tau, "batch_law") and not isinstance(tau, type):  # a controller of one motion
-        n, h, _ = _count_steps(dt, steps, duration, 1, [])
+        n, h, _ = _count_steps(dt, steps, duration, every=1, inputs=[])
         tau = tau.batch_law(robot, h * np.arange(n))
     law = law_of(tau)
     law.check(robot.model)
@@ -209,15 +209,17 @@ def validate_inputs(
     )
     inputs = [*law_inputs(robot, law), *limits]  # label, array, length of the last axis
     inputs += [(f"the wrench at {frame!r}", F, 6) for frame, F in wrench_by_frame.items()]
-    states = [state_of(robot, "q0", q0, robot.nq), state_of(robot, "dq0", dq0, robot.nv)]
-    n, h, kept = _count_steps(dt, steps, duration, every, inputs)
+    q = state_of(robot, "q0", q0, robot.nq)
+    dq = state_of(robot, "dq0", dq0, robot.nv)
+    states = [q, dq]
+    n, h, kept_count = _count_steps(dt, steps, duration, every, inputs)
     arrays_by_step = {label: _with_step_axis(label, x, size, n) for label, x, size in inputs}
     parameter_by_name = dict(zip(names, values, strict=True))
     batch = _batch_shape(states, arrays_by_step, parameter_by_name)
     step_inputs = list(arrays_by_step.values())
     remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
     if plan.eases:
-        creep = creep_of_samples(robot, states[0], h, parameter_by_name)
+        creep = creep_of_samples(robot, q, h, parameter_by_name)
         step_inputs.append(creep[..., None, :])
         remark = easing_remark(robot.model, creep) if creep.size else None
         if remark:
@@ -233,13 +235,13 @@ def validate_inputs(
     for x in step_inputs:
         batched = _with_batch_axis(x.astype(dtype, copy=False), 2, batch)
         arrays.append(_with_all_steps(batched, n))
-    shapes: dict[str, tuple[int, ...] | None] = {"q0": states[0].shape, "dq0": states[1].shape}
+    shapes: dict[str, tuple[int, ...] | None] = {"q0": q.shape, "dq0": dq.shape}
     shapes |= {label: x.shape for label, x, _ in inputs}
     shapes |= {f"parameter {name}": x.shape for name, x in parameter_by_name.items()}
     if isinstance(law, GivenTorque) and law.tau is None:
         shapes["tau"] = None
     ranks = [1, 1, 1, *[2] * len(step_inputs)]  # of q0, dq0 and dt, then of the other inputs
-    return Inputs(plan, arrays, ranks, batch, dtype, n, h, kept, remarks, shapes)
+    return Inputs(plan, arrays, ranks, batch, dtype, n, h, kept_count, remarks, shapes)
 
 
 def _wrenches_by_frame(robot: Robot, wrench_on_robot: Any) -> dict[str, Array]:
@@ -252,7 +254,7 @@ def _wrenches_by_frame(robot: Robot, wrench_on_robot: Any) -> dict[str, Array]:
 
 
 def _has_friction(robot: Robot, parameters: Sequence[str]) -> bool:
-    """True if a robot has joint friction, or if some of the parameters that vary are those of friction."""
+    """True if a robot has joint friction, or if one of the varying ``parameters`` is a friction parameter."""
     return bool(robot.model.friction.any) or any(name.endswith(LAWS_OF_FRICTION) for name in parameters)
 
 

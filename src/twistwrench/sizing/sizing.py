@@ -124,7 +124,8 @@ def size_drives(
     >>> tw.size_drives("ur5", "demo", "demo", pause=0.8, add_masses=False)
     <Sizing of ur5: OK, shoulder_pan_joint 83 %>
     """
-    arm, bundled_name = robot, ""  # the name of a bundled robot, empty for others
+    arm = robot
+    bundled_name = ""  # empty for other robots
     if isinstance(robot, Robot | str | Path):
         arm, bundled_name = robot_of(robot, None, lock)
     require_robot(arm, "size_drives")
@@ -144,7 +145,7 @@ def size_drives(
     if report is not None and contradictions(report):
         return sizing_refused(loaded_arm, drive_catalog, report)
     states = _states(cycle, report, bare_arm, friction=friction)
-    if not states.draws:  # a motion in memory: its draws are those of the caller
+    if not states.draws:  # a motion in memory: the caller gives its draws
         states = LoadStates(states.motion, tuple(draw.with_robot(bare_arm) for draw in draws))
     emergency_motion = None
     if emergency is not None:
@@ -184,7 +185,7 @@ def _motion_or_log(source: Any, robot: Robot, log_options: Mapping[str, Any]) ->
     is_table = hasattr(source, "iloc")  # a DataFrame
     if is_table or isinstance(source, str | Path | MotionLog):
         return log_of(source, robot, **log_options)
-    motion = getattr(source, "motion", source)
+    motion = getattr(source, "motion", source)  # of a result, or the motion itself
     if not isinstance(motion, Motion):
         raise ShapeError(f"size_drives: a motion is a tw.Motion or a path, got {arguments.value_text(source)}.")
     if motion.log is None:

@@ -36,7 +36,7 @@ def one_configuration(robot: Robot, q: ArrayLike, function: str, reason: str) ->
         )
     is_finite = np.isfinite(array)
     if not is_finite.all():
-        k = int(np.argmin(is_finite))
+        k = int(np.argmin(is_finite))  # the first False
         raise ValueRangeError(
             f"{function}: {robot.coordinate_names[k]!r} is {printed(array[k])}. Give finite coordinates."
         )
@@ -49,7 +49,7 @@ def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
         shape = np.shape(direction)
     except ValueError:  # lists of unequal lengths; rejected below
         shape = ()
-    n = sizes[0]
+    n = sizes[0]  # of which the error speaks if no size fits
     if shape and shape[-1] in sizes:
         n = shape[-1]
     try:
@@ -94,15 +94,16 @@ def unit_slips(
         if distance > _SUSPECT_LENGTH:
             metres = ",".join(printed(x / _MILLIMETRES) for x in position)
             yield f"{name} is {printed(distance)} m from its frame: lengths are in metres. If those are mm, write {metres}."
-    for b in robot.model.leaders:
-        if b.joint.nq != 1:
+    for body in robot.model.leaders:
+        if body.joint.nq != 1:
             continue
-        name = b.joint.name
-        coordinate = float(q[b.q_index])
-        is_revolute = bool(b.joint.axes[0][:3].any())
+        name = body.joint.name
+        coordinate = float(q[body.q_index])
+        screw_axis = body.joint.axes[0]
+        is_revolute = bool(screw_axis[:3].any())  # the angular part
         widest_limit = _TURN if is_revolute else math.inf
-        lower = max(float(limits.lower[b.v_index]), -widest_limit)
-        upper = min(float(limits.upper[b.v_index]), widest_limit)
+        lower = max(float(limits.lower[body.v_index]), -widest_limit)
+        upper = min(float(limits.upper[body.v_index]), widest_limit)
         excess = max(lower - coordinate, coordinate - upper)
         if is_revolute and not degrees and excess > _TURN:
             yield (

@@ -177,8 +177,9 @@ def wheel(robot: Robot, frame: str, friction: float, *, normal: ArrayLike | None
 
 def _down_in_frame(robot: Robot, frame: str, q: Array) -> Array:
     """Direction (3,) of the floor in a frame of the robot in a configuration."""
-    T = frame_poses(robot.model, q)[frame]
-    return np.asarray(-T[:3, :3].T @ upward(robot))
+    poses = frame_poses(robot.model, q)
+    R = poses[frame][:3, :3]
+    return np.asarray(-R.T @ upward(robot))
 
 
 def _require_moving_frame(robot: Robot, frame: str) -> None:
@@ -250,7 +251,7 @@ def _width(corners: Sequence[Array]) -> float:
 
 
 def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid]]]:
-    """Pose in the body, and shapes, of a link. If the link has no shape, the same for each link that is fixed to it.
+    """Pose in the body, and shapes, of a link; if the link has no shape, of each link that is fixed to it.
 
     Visual shapes are taken only if there are no collision shapes.
     """

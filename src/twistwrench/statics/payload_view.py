@@ -75,10 +75,10 @@ def findings(report: PayloadReport) -> list[tuple[Word, tuple[str, ...]]]:
 
 def _headline(report: PayloadReport) -> Headline:
     """Verdict with its reasons; further words and the largest payload below it."""
-    first, *others = findings(report)
-    verdict, reasons = first
+    first_finding, *other_findings = findings(report)
+    verdict, reasons = first_finding
     further_lines = []
-    for word, reasons_of_word in others:
+    for word, reasons_of_word in other_findings:
         further_lines.append(Line((str(word), word_style(word)), f": {'; '.join(reasons_of_word)}."))
     if verdict is not Word.OK and report.largest.holds and report.judged:
         sentence = _largest_payload_sentence(report)
@@ -88,16 +88,21 @@ def _headline(report: PayloadReport) -> Headline:
 
 def _largest_payload_sentence(report: PayloadReport) -> str:
     """Sentence on the largest payload and the joint that limits it."""
-    largest = report.largest
-    k = int(largest.joint)  # index of the limiting joint; -1 without one
+    largest_payload = report.largest
+    k = int(largest_payload.joint)  # index of the limiting joint; -1 without one
     if k < 0:
         return f"the payload is not limited at this pose: no joint torque depends on it{report.assumed}"
-    side = "upper" if largest.side > 0 else "lower"
+    side = "upper" if largest_payload.side > 0 else "lower"
     carried = "the robot and what it carries" if report.load.payloads else "the robot itself"
+    mass = rounded_down(largest_payload.mass)  # [kg]
+    joint = largest_payload.joint_names[k]
+    unit = largest_payload.units[k]
+    loaded_torque = torque(largest_payload.torques[k])
+    unloaded_torque = torque(largest_payload.unloaded[k])
     return (
-        f"largest payload at rest in this pose: {rounded_down(largest.mass)} kg at {place_words(report.frame, report.com)}. "
-        f"Limited by {largest.joint_names[k]}, {side} limit: {torque(largest.torques[k])} {largest.units[k]}, of which "
-        f"{torque(largest.unloaded[k])} carry {carried}{report.assumed}"
+        f"largest payload at rest in this pose: {mass} kg at {place_words(report.frame, report.com)}. "
+        f"Limited by {joint}, {side} limit: {loaded_torque} {unit}, of which "
+        f"{unloaded_torque} carry {carried}{report.assumed}"
     )
 
 
@@ -109,10 +114,10 @@ def _not_held_sentence(report: PayloadReport) -> str:
     return f"no payload. {reason}"
 
 
-def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
+def _stops_words(joints_beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
     """Sentence on joints beyond their position limits, with their excess; ``degrees``: angles in degrees."""
     clauses = []
-    for joint in beyond:
+    for joint in joints_beyond:
         scale = 1.0
         if degrees and joint.turns:
             scale = math.degrees(1.0)
@@ -127,25 +132,25 @@ def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
 
 def _holding_torques(report: PayloadReport) -> Table:
     """Table with a row for each joint; shares of limits are shown only in a report with limits."""
-    largest = report.largest
+    largest_payload = report.largest
     is_angular = Coordinates.from_model(report.robot.model).angular_velocity
-    shares = [float(x) for x in largest.share]
+    shares = [float(x) for x in largest_payload.share]
     unit = heading_unit("tau", is_angular)
     torque_column = partial(numbers, show=torque, unit=unit, headed=False)
-    limit_column = numbers("limit", largest.limits, unit=unit, headed=False)
+    limit_column = numbers("limit", largest_payload.limits, unit=unit, headed=False)
     show_position = partial(number, decimals=_ROUNDING, missing="")
     position_unit = heading_unit("q", is_angular, degrees=report.degrees)
     position_column = numbers("q", joint_positions(report), show_position, position_unit)
     columns = [
-        words("joint", largest.joint_names, fold=False),
+        words("joint", largest_payload.joint_names, fold=False),
         position_column,
-        torque_column("alone", largest.unloaded),
-        torque_column("per kg", largest.per_kilogram),
+        torque_column("alone", largest_payload.unloaded),
+        torque_column("per kg", largest_payload.per_kilogram),
     ]
     styles = None
     if report.judged:
-        columns += [torque_column("loaded", largest.torques), limit_column, *_limit_shares(report, shares)]
-        styles = _row_styles(shares, int(largest.joint))
+        columns += [torque_column("loaded", largest_payload.torques), limit_column, *_limit_shares(report, shares)]
+        styles = _row_styles(shares, int(largest_payload.joint))
     else:
         columns.append(limit_column)
     return Table(f"Holding torques [{unit}]", *columns, styles=styles, most=_MAX_JOINTS, by=shares)
@@ -153,16 +158,16 @@ def _holding_torques(report: PayloadReport) -> Table:
 
 def _limit_shares(report: PayloadReport, shares: list[float]) -> Iterator[Column]:
     """Column of the mass that each joint holds, and column of the share of its limit."""
-    largest = report.largest
+    largest_payload = report.largest
 
     def mass_text(mass: float) -> str:
         """Mass [kg], rounded down; a dash if no mass exceeds the limit."""
         return rounded_down(mass) if math.isfinite(mass) else MISSING
 
-    yield numbers("up to", np.maximum(largest.per_joint, 0.0), mass_text, "kg")
+    yield numbers("up to", np.maximum(largest_payload.per_joint, 0.0), mass_text, "kg")
     bars = []
     shown_shares: list[float | None] = []  # None without a limit
-    for share, limit in zip(shares, largest.limits, strict=True):
+    for share, limit in zip(shares, largest_payload.limits, strict=True):
         if math.isfinite(limit):
             shown_shares.append(share)
             bars.append(Bar(share, f"  {percent_of_limit(share):>5}"))
@@ -233,7 +238,7 @@ def _forces(report: PayloadReport) -> Iterator[str]:
         weakest = weakest_direction(robot, q, frame=report.frame, limits=effort)
     except ValueRangeError:
         return
-    force = weakest.wrench[3:]
+    force = weakest.wrench[3:]  # without its moment
     direction = ", ".join(number(x, 2, decimals=3) for x in force)
     limiting = ""
     if weakest.joint >= 0:

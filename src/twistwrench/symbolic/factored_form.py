@@ -28,7 +28,7 @@ Term = tuple[Any, int]
 _MAX_FACTORED_SYMBOLS = 7
 """Largest number of symbols in a sum that is factored."""
 _MAX_FACTORED_TERMS = 28
-"""Largest number of terms in a sum that is factored: those of the square of a sum of seven symbols."""
+"""Largest number of terms in a sum that is factored: the square of a sum of seven symbols has as many."""
 _MAX_DENOMINATOR = 64
 """Largest denominator of a simple fraction; other numbers are measured values."""
 _MAX_EXACT_DENOMINATOR = 1 << 20
@@ -176,7 +176,8 @@ class EquationWriter:
         # Each group is a coefficient and its members (ratio, motion); a member stands for ratio · coefficient · motion.
         groups: list[tuple[TrigPolynomial, list[tuple[Any, int]]]] = []
         for motion, coefficient in sorted(total.split(motions).items()):
-            members, ratio = None, None
+            members = None  # of the proportional group
+            ratio = None
             if motion:
                 members, ratio = _proportional_group(groups, coefficient)
             if members is None:
@@ -342,11 +343,11 @@ def _ratio(dividend: TrigPolynomial, divisor: TrigPolynomial) -> Any:
     if dividend.terms.keys() != divisor.terms.keys() or not dividend.terms:
         return None
     ratios = [dividend.terms[key] / divisor.terms[key] for key in dividend.terms]
-    first = ratios[0]
+    first_ratio = ratios[0]
     for ratio in ratios:
-        if not abs(ratio - first) <= _MAX_RATIO_ERROR * abs(first):  # true for NaN
+        if not abs(ratio - first_ratio) <= _MAX_RATIO_ERROR * abs(first_ratio):  # true for NaN
             return None
-    return first
+    return first_ratio
 
 
 def _content(coefficients: Sequence[Any]) -> Any:

@@ -95,7 +95,7 @@ class Definitions:
         return self.q[k]
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
-        """Symbols for cosine and sine of rate · q_k + offset; c_k and s_k if that is q_k itself."""
+        """Symbols for cosine and sine of rate · q_k + offset; the first ones of q_k are named c_k and s_k."""
         key = (k, rate, offset)
         if key not in self._waves:
             self._waves[key] = self._name_waves(k, rate, offset)
@@ -131,8 +131,8 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     n = len(coordinates)
     names.group("sines", "cosines and sines of the coordinates")
     poses = []
-    for body, numbers in zip(model.bodies, entries.bodies, strict=True):
-        poses.append(joint_motion(names, body, numbers))
+    for body, body_entries in zip(model.bodies, entries.bodies, strict=True):
+        poses.append(joint_motion(names, body, body_entries))
     motions = _motions(names, entries, poses)
     velocities = _velocities(names, model, entries, motions)
     heights = _heights(names, model, entries, motions)
@@ -140,8 +140,8 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     M = _mass_matrix(names, entries, velocities)
     names.group("potential_energy", "the sum of −m (gravity · p), and the energy of springs")
     gravity_energies = []
-    for numbers, height in zip(entries.bodies, heights, strict=True):
-        gravity_energies.append(names.number(numbers.mass) * height)
+    for body_entries, height in zip(entries.bodies, heights, strict=True):
+        gravity_energies.append(names.number(body_entries.mass) * height)
     P = names.name("P", _spring_energy(names, model, entries) + sympy.Add(*gravity_energies))
     remark = "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"
     names.group("slopes_of_energies", remark)
@@ -175,41 +175,41 @@ def _velocities(
     names.group("velocities", remark)
     origins: list[dict[int, tuple[Array, Array]]] = []
     centres: list[dict[int, tuple[Array, Array]]] = []
-    for body, numbers, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
+    for body, body_entries, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
         columns: dict[int, tuple[Array, Array]] = {}  # (ω, velocity u of the origin) by coordinate
         if body.parent != BASE:  # motion with the parent
             for j, (w, u) in origins[body.parent].items():
                 columns[j] = (R.T @ w, R.T @ (u + _cross(w, p)))
         for k in range(body.v_index, body.v_index + body.joint.nv):
-            w, u = _joint_column(names, R, k, body, numbers)
+            w, u = _joint_column(names, R, k, body, body_entries)
             if k in columns:  # a follower also moves with its leader's rate
                 leader_w, leader_u = columns[k]
                 w = leader_w + w
                 u = leader_u + u
             columns[k] = (w, u)
         for j, (w, u) in columns.items():
-            label = f"{numbers.tag}_{j + 1}"
+            label = f"{body_entries.tag}_{j + 1}"
             columns[j] = (names.names(f"w_{label}", w), names.names(f"u_{label}", u))
         origins.append(columns)
-        centres.append(_centre_velocities(names, columns, numbers))
+        centres.append(_centre_velocities(names, columns, body_entries))
     return centres
 
 
 def _centre_velocities(
-    names: Definitions, columns: dict[int, tuple[Array, Array]], numbers: BodyEntries
+    names: Definitions, columns: dict[int, tuple[Array, Array]], body_entries: BodyEntries
 ) -> dict[int, tuple[Array, Array]]:
     """(ω, v of the centre of mass) from (ω, u of the origin), by coordinate; v is zero for a body without mass."""
-    com = numbers_of(names, numbers.com)
+    com = numbers_of(names, body_entries.com)
     centre_columns = {}
     for j, (w, u) in columns.items():
         v = w * 0
-        if numbers.mass.value:
-            v = names.names(f"v_{numbers.tag}_{j + 1}", u + _cross(w, com))
+        if body_entries.mass.value:
+            v = names.names(f"v_{body_entries.tag}_{j + 1}", u + _cross(w, com))
         centre_columns[j] = (w, v)
     return centre_columns
 
 
-def _joint_column(names: Definitions, R: Array, k: int, body: Any, numbers: BodyEntries) -> tuple[Array, Array]:
+def _joint_column(names: Definitions, R: Array, k: int, body: Any, body_entries: BodyEntries) -> tuple[Array, Array]:
     """Contribution of the joint itself: ω and u of the origin in child axes, per unit of the rate of coordinate k."""
     joint = body.joint
     if joint.nv > 1:
@@ -220,11 +220,13 @@ def _joint_column(names: Definitions, R: Array, k: int, body: Any, numbers: Body
             return R.T @ exact(R_placement @ vector)
 
         return joint.chart_column(k - body.v_index, in_child_axes, chart_waves(names, body))
-    ratio = exact(body.ratio) if joint.moves_body else names.number(numbers.ratio)  # a symbol for the gear of a rotor
+    ratio = exact(body.ratio)
+    if not joint.moves_body:
+        ratio = names.number(body_entries.ratio)  # a symbol for the gear of a rotor
     w = ratio * exact(joint.axes[0, :3])
     if not joint.axes[0, :3].any():
         return w, exact(body.ratio) * exact(joint.axes[0, 3:])
-    u = -_cross(w, numbers_of(names, numbers.point)) + w * names.number(numbers.pitch)
+    u = -_cross(w, numbers_of(names, body_entries.point)) + w * names.number(body_entries.pitch)
     return w, u
 
 
@@ -246,15 +248,15 @@ def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: A
     directions: list[Array] = []  # n of each body
     origin_heights: list[Any] = []  # eta of each body
     centre_heights = []  # zeta of each body
-    for body, numbers, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
+    for body, body_entries, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
         parent_n = minus_gravity
         parent_eta = 0
         if body.parent != BASE:
             parent_n = directions[body.parent]
             parent_eta = origin_heights[body.parent]
-        n = names.names(f"n_{numbers.tag}_", R.T @ parent_n)
-        eta = names.name(f"eta_{numbers.tag}", parent_eta + parent_n @ p)
-        zeta = names.name(f"zeta_{numbers.tag}", eta + n @ numbers_of(names, numbers.com))
+        n = names.names(f"n_{body_entries.tag}_", R.T @ parent_n)
+        eta = names.name(f"eta_{body_entries.tag}", parent_eta + parent_n @ p)
+        zeta = names.name(f"zeta_{body_entries.tag}", eta + n @ numbers_of(names, body_entries.com))
         directions.append(n)
         origin_heights.append(eta)
         centre_heights.append(zeta)
@@ -319,7 +321,8 @@ def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, P_slop
         gravity_forces.append(names.name(entry_name("g", i), P_slope))
     g = matrix(gravity_forces)
     L = _quadratic_form(M / 2, dq) - P
-    c, tau = [], []
+    c = []  # velocity terms c_i = q̇' Γ_i q̇
+    tau = []
     momenta, momentum_rates = [], []  # ∂L/∂q̇ and its derivative by time
     slopes = []
     for i in range(n):

@@ -135,8 +135,8 @@ class PathRows:
         self.rows += [Row("acceleration", int(j)) for j in self.accelerated]
         self.flat = np.zeros(len(self.rows), bool)  # first none, for the evaluation of a in the next line
         """Mask (k,) of flat rows: a is zero everywhere."""
-        size = np.abs(self.at(self.grid).a)
-        self.flat = size.max(axis=0, initial=0.0) <= _FLAT_RATIO * size.max(initial=0.0)
+        sizes_of_a = np.abs(self.at(self.grid).a)
+        self.flat = sizes_of_a.max(axis=0, initial=0.0) <= _FLAT_RATIO * sizes_of_a.max(initial=0.0)
         self.caps = [Row("velocity", int(j)) for j in self.fast]
         """Quantities (l,) whose limits are upper bounds of x."""
         self.caps += compress(self.rows, self.flat)
@@ -149,7 +149,8 @@ class PathRows:
 
     def at(self, s: Array, low: float = 0.0, high: float = 1.0) -> Rows:
         """Rows at s (m,); at the ends of a piece [low, high] the values from inside it."""
-        nudge = min(_NUDGE * max(1.0, high), 0.1 * (high - low))  # a tenth of a very short piece
+        nudge = _NUDGE * max(1.0, high)
+        nudge = min(nudge, 0.1 * (high - low))  # a tenth of a very short piece
         s = np.clip(s, low + nudge, high - nudge)
         q, q1, q2 = self.path(s)  # with the derivatives q' and q'' by s
         zero = np.zeros_like(q1)
@@ -168,7 +169,7 @@ class PathRows:
             motor_q1 = motor_velocities(self.robot.model, q1)
             c = c + law.coulomb * np.sign(motor_q1)
             d = law.viscous * motor_q1
-        j = self.torque
+        j = self.torque  # indices of entries of dq, as k
         k = self.accelerated
         sign = np.where(self._offset != 0, np.sign(q1[:, k]), 1.0)
         a = np.concatenate([a[:, j], sign * q1[:, k]], axis=1)
@@ -237,8 +238,10 @@ class PathRows:
 
     def cap(self, s: Array) -> Cap:
         """Largest x at s (m,), the smaller one of both sides. MR figure 9.11: the velocity limit curve."""
-        left = self.cap_of(self.at(np.clip(s - _SIDE_DISTANCE, 0.0, 1.0)))
-        right = self.cap_of(self.at(np.clip(s + _SIDE_DISTANCE, 0.0, 1.0)))
+        left_s = np.clip(s - _SIDE_DISTANCE, 0.0, 1.0)
+        right_s = np.clip(s + _SIDE_DISTANCE, 0.0, 1.0)
+        left = self.cap_of(self.at(left_s))
+        right = self.cap_of(self.at(right_s))
         return Cap(
             np.minimum(left.x, right.x),
             np.minimum(left.velocity, right.velocity),
@@ -296,17 +299,17 @@ class PathRows:
         root = np.sqrt(np.maximum(x, 1e-300))[:, None]  # not 0, since it divides below
         v = b * x[:, None] + d * root + c
         minus_v_slope = -(b + 0.5 * d / root)
-        size = np.where(a == 0, np.nan, np.abs(a))
-        is_free = np.isnan(size)  # such a row does not bound u
+        size_of_a = np.where(a == 0, np.nan, np.abs(a))
+        is_free = np.isnan(size_of_a)  # such a row does not bound u
         sign = np.sign(a)
         with np.errstate(all="ignore"):
-            largest = np.where(is_free, np.inf, (L - sign * v) / size)
-            least = np.where(is_free, -np.inf, (-L - sign * v) / size)
-            slope = np.where(is_free, 0.0, sign * minus_v_slope / size)
+            largest_u = np.where(is_free, np.inf, (L - sign * v) / size_of_a)
+            least_u = np.where(is_free, -np.inf, (-L - sign * v) / size_of_a)
+            slope = np.where(is_free, 0.0, sign * minus_v_slope / size_of_a)
         points = np.arange(len(x))
-        i = least.argmax(axis=1)
-        j = largest.argmin(axis=1)
-        return least[points, i], largest[points, j], slope[points, i], slope[points, j]
+        i = least_u.argmax(axis=1)  # row that bounds u from below, at each point
+        j = largest_u.argmin(axis=1)  # row that bounds u from above
+        return least_u[points, i], largest_u[points, j], slope[points, i], slope[points, j]
 
     def require_standing(self) -> None:
         """Raise PathError if the robot cannot stand still at some point of the path; it may then be unable to follow it."""
@@ -320,15 +323,15 @@ class PathRows:
             return
         i, k = np.unravel_index(int(share.argmax()), share.shape)
         is_impossible = (share >= _MAX_STANDING_SHARE).any(axis=1)
-        first = s[is_impossible.argmax()]  # the first True
+        first_s = s[is_impossible.argmax()]  # at the first True
         row = self.rows[k]
         model = self.robot.model
         names = model.drive_labels if row.kind == "torque" else model.velocity_names
         friction = " against friction" if self.friction else ""
-        start = f" (too much from s = {printed(first, 4)})" if first < s[i] else ""
+        start = f" (too much from s = {printed(first_s, 4)})" if first_s < s[i] else ""
         raise PathError(
             f"the robot cannot hold itself on this path: at s = {printed(s[i], 4)} {names[row.joint]!r} needs "
             f"{printed(standing[i, k], 4)} of {printed(self.L[k], 4)} to stand still{friction}{start}. Take load off, another "
             "path, or a stronger joint.",
-            reached=float(first),  # s up to which the robot can stand
+            reached=float(first_s),  # s up to which the robot can stand
         )

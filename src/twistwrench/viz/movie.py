@@ -41,16 +41,20 @@ _MAX_BARS = 12
 """Maximum number of torque bars; a robot with more joints shows the joints nearest to their limits."""
 _MIN_ROWS = 4
 """Number of rows for bars, at least; fewer bars are not made thicker."""
-_WIDTH, _HEIGHT = 8.0, 4.5  # of a film [inch]
+_WIDTH = 8.0  # of a film [inch]
+_HEIGHT = 4.5  # [inch]
 _PIXELS_PER_INCH = 100  # 800 x 450 pixels
 _MAX_LINE_LENGTH = 72
 """Largest number of characters in a line of the verdict's reason."""
-_HALF_WIDTH, _HALF_HEIGHT = 0.56, 0.47
-"""Half the size of the robot's picture, in units of the visible region."""
+# Half the size of the robot's picture, in units of the visible region:
+_HALF_WIDTH = 0.56
+_HALF_HEIGHT = 0.47
 _GRID_SIZE = 2.2
 """Size of the floor's grid, in units of the visible region."""
-_MIN_REACH, _SPACE = 1.15, 1.05
-"""Smallest end of the bars' axis, and its end in units of the largest bar."""
+_MIN_AXIS_END = 1.15
+"""Smallest end of the bars' axis, in shares of a limit."""
+_AXIS_END_PER_BAR = 1.05
+"""End of the bars' axis, in units of the largest bar."""
 
 
 def movie(
@@ -123,10 +127,12 @@ def film(
     for t in frame_times[::frame_step]:
         q, _ = motion.at(t)
         overview_poses.append(q)
-    painter = Painter(scene, *overview(scene, np.array(overview_poses)))
+    camera, floor_height = overview(scene, np.array(overview_poses))
+    painter = Painter(scene, camera, floor_height)
     with replacing(target) as scratch, style.figure(_WIDTH, _HEIGHT, robot.name, "Filming a motion") as drawn:
         drawn.set_dpi(_PIXELS_PER_INCH)
-        left_figure, right_figure = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))
+        subfigures = drawn.subfigures(1, 2, width_ratios=[1.9, 1.0])  # robot, bars
+        left_figure, right_figure = cast("Any", subfigures)
         stage = _Stage(left_figure.subplots(), painter)
         bars = _Bars(right_figure.subplots(), motion)
         if motion.report is not None:  # torques were judged
@@ -233,9 +239,9 @@ def gif_writer(fps: int) -> Any:
             for k, picture in enumerate(samples):
                 column.paste(picture, (0, k * height))
             palette = column.quantize(_COLOURS_IN_GIF, kmeans=1)
-            first, *others = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
-            milliseconds = round(1000 / self.fps)
-            first.save(self.outfile, save_all=True, append_images=others, duration=milliseconds, loop=0)
+            frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+            milliseconds = round(1000 / self.fps)  # of a frame
+            frames[0].save(self.outfile, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
 
     return Writer(fps=fps)
 
@@ -247,13 +253,13 @@ class _Stage:
         from matplotlib.collections import LineCollection, PolyCollection
 
         self.painter = painter
-        size = painter.camera.distance / CAMERA_DISTANCE  # of the visible region [m]
+        region_size = painter.camera.distance / CAMERA_DISTANCE  # [m]
         axis.set_axis_off()
         axis.set_aspect("equal")
-        axis.set_xlim(-_HALF_WIDTH * size, _HALF_WIDTH * size)
-        axis.set_ylim(-_HALF_HEIGHT * size, _HALF_HEIGHT * size)
+        axis.set_xlim(-_HALF_WIDTH * region_size, _HALF_WIDTH * region_size)
+        axis.set_ylim(-_HALF_HEIGHT * region_size, _HALF_HEIGHT * region_size)
         self.polygons = axis.add_collection(PolyCollection([], linewidths=0.25, zorder=2))
-        floor_lines = list(painter.grid(_GRID_SIZE * size))
+        floor_lines = list(painter.grid(_GRID_SIZE * region_size))
         axis.add_collection(LineCollection(floor_lines, colors=style.FLOOR, linewidths=0.6, zorder=1))
 
     def show(self, q: Array) -> None:
@@ -272,7 +278,8 @@ class _Bars:
         robot = motion.load.with_load
         limits = np.where(motion.limits.effort > 0, motion.limits.effort, np.inf)
         self.has_limit = np.isfinite(limits)
-        self.scale = np.where(self.has_limit, limits, np.maximum(motion.peaks, 1e-9))  # torque of a full bar
+        peaks = np.maximum(motion.peaks, 1e-9)  # not divided by zero
+        self.scale = np.where(self.has_limit, limits, peaks)  # torque of a full bar
         peak_shares = np.where(self.has_limit, motion.peaks / self.scale, -1.0)  # joints without a limit come last
         nearest_to_limit = np.argsort(-peak_shares, kind="stable")[:_MAX_BARS]
         self.joints = np.sort(nearest_to_limit)
@@ -283,12 +290,13 @@ class _Bars:
         self.bars = axis.barh(rows, np.zeros(len(names)), height=0.62)
         axis.axvline(0, color=style.AXIS, linewidth=0.7)
         largest_bar = float(np.max(motion.peaks / self.scale, initial=0.0))
-        reach = max(_MIN_REACH, _SPACE * largest_bar)
+        axis_end = max(_MIN_AXIS_END, _AXIS_END_PER_BAR * largest_bar)
         for side in (-1, 1):
             axis.axvline(side, **style.LIMIT)
-        axis.set_xlim(-reach, reach)
+        axis.set_xlim(-axis_end, axis_end)
         axis.set_yticks(rows, names, fontsize=style.SMALL_FONT)
-        axis.set_ylim(max(len(rows), _MIN_ROWS) - 0.4, -0.6)  # first joint at the top
+        row_count = max(len(rows), _MIN_ROWS)
+        axis.set_ylim(row_count - 0.4, -0.6)  # first joint at the top; 0.6 rows beyond the middle of the outer bars
         axis.grid(visible=False, axis="y")
         label = "torque / limit"
         if not self.has_limit[self.joints].all():

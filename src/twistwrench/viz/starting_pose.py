@@ -117,15 +117,17 @@ def clear_of_stops(robot: Robot) -> tuple[Array, Array]:
 def _merit(robot: Robot, Q: Array, tip: str, neutral: Array) -> Array:
     """Merit (n,) of each configuration of Q (n, nq) as a working pose of an arm."""
     up = -robot.model.gravity / np.linalg.norm(robot.model.gravity)
-    origins = np.asarray(robot.link_poses(Q))[..., :3, 3]  # of all links (n, k, 3)
-    tips = np.asarray(robot.forward_kinematics(Q, tip))[:, :3, 3]
+    link_poses = np.asarray(robot.link_poses(Q))
+    tip_poses = np.asarray(robot.forward_kinematics(Q, tip))
+    origins = link_poses[..., :3, 3]  # of all links (n, k, 3)
+    tips = tip_poses[:, :3, 3]
     base = origins[:, 0]
     base_to_tip = tips - base
     distances = np.linalg.norm(base_to_tip, axis=1, keepdims=True)
     reach = float(distances.max())
     if reach == 0.0:
         reach = 1.0  # [m], not divided by zero
-    tip_directions = base_to_tip / np.maximum(distances, 1e-9)
+    tip_directions = base_to_tip / np.maximum(distances, 1e-9)  # not divided by zero
     base_to_links = origins - base[:, None]
     lengths_to_tip = np.einsum("nki,ni->nk", base_to_links, tip_directions)  # components along the line to the tip
     offsets = base_to_links - lengths_to_tip[..., None] * tip_directions[:, None]  # from this line
@@ -133,15 +135,16 @@ def _merit(robot: Robot, Q: Array, tip: str, neutral: Array) -> Array:
     lowest_link = (origins @ up).min(axis=1)
     lowest_height = np.minimum(lowest_link, tips @ up) - base @ up  # [m], of a link or the tip
     tip_height = (base_to_tip @ up) / reach
-    distance_ahead = base_to_tip @ np.array([1.0, 0.0, 0.0]) / reach
+    x_axis = np.array([1.0, 0.0, 0.0])
+    distance_ahead = base_to_tip @ x_axis / reach
     J = np.asarray(robot.jacobian(Q, tip, "world_aligned")).copy()
-    J[:, 3:] /= reach
+    J[:, 3:] /= reach  # so that all rows have one unit
     sigma = np.linalg.svd(J, compute_uv=False)
     ranks = (sigma > _MIN_SINGULAR_VALUE).sum(axis=1)
     rank = int(ranks.max())
-    min_sigma = sigma[:, rank - 1] if rank else np.zeros(len(Q))
-    conditioning = min_sigma / max(float(min_sigma.max()), 1e-9)
-    excursion = np.abs(Q - neutral).mean(axis=1) / np.pi
+    min_sigma = sigma[:, rank - 1] if rank else np.zeros(len(Q))  # singular values are in descending order
+    conditioning = min_sigma / max(float(min_sigma.max()), 1e-9)  # not divided by zero
+    excursion = np.abs(Q - neutral).mean(axis=1) / np.pi  # in half turns, or π m
     below_base = np.minimum(lowest_height / reach + 1e-6, 0.0)  # with a margin for rounding
     below_min_height = np.minimum(tip_height - _MIN_TIP_HEIGHT, 0.0)
     penalty = below_base + below_min_height  # negative

@@ -18,16 +18,17 @@ from ..shared import RobotOptions
 from ..skin import Asked, OutputFile, command_of, picture_file, table_file
 
 _SI_FACTORS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295}
-"""SI units in each unit; a bare number is in m or rad."""
+"""Value of each unit in m or rad; a bare number has the empty unit."""
 _PLAN_PARAMETERS = ("kind", "degrees", "assume", "noise", "file_accuracy")
 """Parameters of ``calibrate`` that a plan of readings has too."""
 _QUANTITY = re.compile(r"\s*([-+.\deE]+)\s*([a-z]*)\s*")
-"""Number, with or without exponent, and unit, which may be absent."""
+"""Number, perhaps with an exponent, and unit, which may be empty."""
 Calibration: TypeAlias = CalibratedRobot | FactoryCalibration | MeasuringPoses
 
 
 def _positive_sizes(text: str, flag: str) -> list[float]:
     """One or two sizes above 0 [m or rad] from a text such as 1mm,0.1deg."""
+    # One error for each way in which the text is wrong:
     problem = ValueRangeError(f"{flag} {text!r} is not a length and an angle above 0. Write for example 1mm,0.1deg.")
     sizes = list[float]()
     for part in text.split(","):
@@ -55,7 +56,7 @@ def _parse_noise(text: str, flag: str) -> float | tuple[float, ...]:
 
 
 def _parse_accuracy(text: str, flag: str) -> tuple[float, ...]:
-    """Length [m] and angle [rad]."""
+    """Accuracy of the robot's file: length [m] and angle [rad]."""
     sizes = _positive_sizes(text, flag)
     if len(sizes) != 2:
         raise ValueRangeError(f"{flag} {text!r} is not a length and an angle. Write for example 1mm,2mrad.")
@@ -65,7 +66,7 @@ def _parse_accuracy(text: str, flag: str) -> tuple[float, ...]:
 def _input_files(
     measurements: tuple[str, ...], test: tuple[str, ...], factory_file: str | None
 ) -> dict[str, str | None]:
-    """Input files by argument, which outputs must not overwrite."""
+    """Paths that outputs must not overwrite, by argument; None if it is not given."""
     readings = [path for path in (*measurements, *test) if path != "demo"]
     files: dict[str, str | None] = {f"MEASUREMENTS {path}": path for path in readings}
     files["--from"] = factory_file
@@ -130,6 +131,7 @@ def _reason_not_to_write(found: Calibration, path: str) -> str:
     report=True,
     examples=("calibrate ur5 demo", "calibrate ur5 demo --out mine.urdf", "calibrate ur5 --plan 25 --csv poses.csv"),
     left_out={"seed"},  # a parameter of calibrate that is not an option
+    # The flag, which takes no text, gives outliers="keep":
     spellings={"outliers": Spelling("--keep-outliers", {"": "keep"}, "Use readings that contradict the others, too.")},
     kinds={
         "MeasurementsGiven | Sequence[MeasurementsGiven]": Kind("LOG", several, REPEATED),
@@ -178,7 +180,7 @@ def _plan_readings(
     towards: str | None,
     floor: float | None,
 ) -> MeasuringPoses:
-    """Plan configurations to measure, in addition to those of at most one file of existing readings."""
+    """Plan configurations to measure; at most one file has existing readings, which the plan completes."""
     if len(measurements) > 1:
         raise ValueRangeError(f"--plan takes one file of existing readings, and {len(measurements)} are given.")
     for name in ("test", "length"):  # the other options of measurements change nothing in a plan

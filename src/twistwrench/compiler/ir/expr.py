@@ -136,7 +136,7 @@ class Expr:
         return self.trace.cos(self)
 
     def turned(self, by: Any) -> Expr:
-        """Angle plus another one; sine and cosine of the sum are computed from sines and cosines of both angles."""
+        """Angle plus the angle ``by``; sine and cosine of the sum follow from sines and cosines of both angles."""
         return self.trace.turned(self, self.trace.lift(by))
 
     def sqrt(self) -> Expr:

@@ -27,7 +27,7 @@ class SpillFrame:
     """Cuts of a program into parts of about ``length`` instructions, and slots for its values."""
 
     program: Program
-    length: int
+    length: int  # of a part, about [instructions]
 
     @cached_property
     def starts(self) -> list[int]:
@@ -80,9 +80,9 @@ class SpillFrame:
             if op != "const":
                 continue
             if runs:
-                first, count, run_value = runs[-1]
-                if first + count == k and run_value == value:  # goes on
-                    runs[-1] = first, count + 1, value
+                first_entry, count, run_value = runs[-1]
+                if first_entry + count == k and run_value == value:  # the run goes on
+                    runs[-1] = first_entry, count + 1, value
                     continue
             runs.append((k, 1, value))
         return runs
@@ -100,7 +100,7 @@ class SpillFrame:
                 if last_use < end:  # no later part uses the value
                     continue
                 if number in self.entries:
-                    slots[number] = self.entries[number][0]
+                    slots[number] = self.entries[number][0]  # equal entries: any of them
                     continue
                 if not free_slots:
                     free_slots.append(size)
@@ -180,12 +180,12 @@ def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str
     return label
 
 
-def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
+def zero_tiles(name: str, is_zero: Sequence[bool], span: int) -> str:
     """Constant table with 1 for each tile of a row that is all zero, else 0; empty if no tile is all zero.
 
-    ``zero`` is True for each zero column, and ``span`` is the number of columns of a tile.
+    ``is_zero`` tells the columns that are zero, and ``span`` is the number of columns of a tile.
     """
-    tiles = [zero[first : first + span] for first in range(0, len(zero) - span + 1, span)]
+    tiles = [is_zero[first : first + span] for first in range(0, len(is_zero) - span + 1, span)]
     is_zero_tile = [int(all(tile)) for tile in tiles]
     if not any(is_zero_tile):
         return ""
@@ -205,10 +205,10 @@ def _store_tile(w: LlvmWriter, base: str, columns: int, first_column: str, first
 def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name: str = "prepare") -> str:
     """Text of a function that stores constant result entries in the frame, once for all blocks: no block overwrites them."""
     label = "entry"
-    for first, count, value in constants:
+    for first_entry, count, value in constants:
         with w.loop(str(count), label) as k:
             vector = w.splat(value)
-            slot = w.new(f"add i64 {k}, {first}")
+            slot = w.new(f"add i64 {k}, {first_entry}")
             store_slot(w, vector, slot)
         label = w.after
     body = "\n".join(w.lines)

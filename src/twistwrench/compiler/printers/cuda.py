@@ -89,13 +89,13 @@ class CudaFunction:
             entries += [f"{name}[{k}]" for k in range(port.size)]
         stores = zip(entries, self.program.results, strict=True)
         body = statements(self.program, real, names, stores, sincos="SINCOS")
-        call = ["    EACH_SAMPLE(i, samples) compute_row(", f"{_one_per_line(row_arguments, 8)});"]
+        call = ["    EACH_SAMPLE(i, samples) compute_row(", f"{_one_per_line(row_arguments, indent=8)});"]
         kernel = f'extern "C" __global__ void __launch_bounds__(THREADS) {self.name}'
         return "\n".join([
             PRELUDE.format(threads=THREADS, suffix=suffix),
             FUSED_MACROS.format(fma=f"fma{suffix}"),
-            f"INLINE void compute_row(\n{_one_per_line(row_parameters, 4)})", "{", *body, "}\n",
-            f"{kernel}(\n{_one_per_line(kernel_parameters, 4)})", "{", *call, "}\n",
+            f"INLINE void compute_row(\n{_one_per_line(row_parameters, indent=4)})", "{", *body, "}\n",
+            f"{kernel}(\n{_one_per_line(kernel_parameters, indent=4)})", "{", *call, "}\n",
         ])  # fmt: skip
 
 

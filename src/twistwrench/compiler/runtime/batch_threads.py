@@ -101,25 +101,24 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     batch = _batch(arrays, owner.given.inputs)
     if batch is None:
         return None
-    single = _is_single(arrays)
+    is_single = _is_single(arrays)
     work = math.prod(batch) * owner.cost
-    if single:
+    if is_single:
         work /= 2  # twice as many lanes
-    count = min(int(work / MIN_PART), PARTS_EACH * threads)  # of the parts
-    if count < 2:
+    part_count = min(int(work / MIN_PART), PARTS_EACH * threads)
+    if part_count < 2:
         return None
-    count = max(
-        count // threads * threads, min(count, threads)
-    )  # equally many for each thread, if there is one for each
+    if part_count > threads:
+        part_count = part_count // threads * threads  # equally many for each thread
     shapes = [batch + port.shape for port in owner.given.outputs]
-    dtype = FLOAT32 if single else FLOAT64
+    dtype = FLOAT32 if is_single else FLOAT64
     outputs = _outputs(out, shapes, dtype, arrays)
     if outputs is None:
         return None
-    if single:
+    if is_single:
         owner.address(SINGLE)  # compiled before the threads start, and here, where exceptions propagate
-    axis = _divided_axis(batch, count)
-    rows_per_part = -(-batch[axis] // count)  # rounded up
+    axis = _divided_axis(batch, part_count)
+    rows_per_part = -(-batch[axis] // part_count)  # rounded up
     if rows_per_part >= ROWS:
         rows_per_part = -(-rows_per_part // ROWS) * ROWS  # rounded up to a multiple
     ports = (*owner.given.inputs, *owner.given.outputs)

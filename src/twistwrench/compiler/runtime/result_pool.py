@@ -155,13 +155,16 @@ def _control_group_limits() -> list[int]:
             if controllers and "memory" not in controllers.split(","):
                 continue
             if controllers:  # version 1
-                root, name = "/sys/fs/cgroup/memory", "memory.limit_in_bytes"
+                root = "/sys/fs/cgroup/memory"
+                limit_file = "memory.limit_in_bytes"
             else:  # version 2, which names no controllers
-                root, name = "/sys/fs/cgroup", "memory.max"
+                root = "/sys/fs/cgroup"
+                limit_file = "memory.max"
             group = Path(root + path)
             for folder in (group, *group.parents):  # limits of outer groups apply too
                 with suppress(OSError, ValueError):
-                    limits.append(int((folder / name).read_text()))  # "max" is not a number
+                    limit_text = (folder / limit_file).read_text()
+                    limits.append(int(limit_text))  # "max" is not a number: without a limit
     return limits
 
 

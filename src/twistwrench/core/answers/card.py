@@ -25,8 +25,10 @@ _MAX_BYTES = 120_000
 """Maximum number of bytes of a card."""
 _MAX_NAME_LENGTH = 200
 """Maximum number of characters of a name."""
-_WIDTH, _HEIGHT = 640, 150
-"""Size of the picture, in pixels, without its margin above."""
+_WIDTH = 640
+"""Width of the picture, in pixels."""
+_HEIGHT = 150
+"""Height of the picture, in pixels, without its margin above."""
 # Margins of the plot inside the picture, in pixels.
 _LEFT_MARGIN = 42
 _RIGHT_MARGIN = 6
@@ -133,12 +135,13 @@ def shares_svg(shares: Shares) -> str:
     block_times = np.array([time[block].mean() for block in blocks])
     has_limit = (block_maxima >= 0).any(axis=0)
     top_share = max(_MIN_TOP_SHARE, _TOP_SPACE * float(block_maxima.max()))
-    duration = float(block_times[-1] - block_times[0])
+    elapsed = block_times - block_times[0]
+    duration = float(elapsed[-1])
     if duration == 0.0:  # a single block
         duration = 1.0
     plot_width = _WIDTH - _LEFT_MARGIN - _RIGHT_MARGIN
     plot_height = _HEIGHT - _BOTTOM_MARGIN
-    x = _LEFT_MARGIN + plot_width * (block_times - block_times[0]) / duration
+    x = _LEFT_MARGIN + plot_width * elapsed / duration
     x_texts = x.round(1).tolist()
 
     def y_of(share: Array | float) -> Any:
@@ -153,9 +156,11 @@ def shares_svg(shares: Shares) -> str:
     for joint in [*other_joints, worst_joint]:  # the last curve is drawn above the others
         y_texts = y_of(block_maxima[:, joint])
         points = " ".join(f"{px},{py}" for px, py in zip(x_texts, y_texts, strict=True))
-        style, line_width = Style.QUIET, 1.0
+        style = Style.QUIET
+        line_width = 1.0
         if joint == worst_joint:
-            style, line_width = limit_style(float(maxima[joint])), 1.8
+            style = limit_style(float(maxima[joint]))
+            line_width = 1.8
         colour = COLOURS[style].plot
         curves.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{line_width}"/>')
     y_limit = y_of(1.0)

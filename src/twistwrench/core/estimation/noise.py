@@ -43,8 +43,8 @@ _MIN_KINKS = 30
 _MAX_SMALL_RATIO = 20  # of a small increment to the smallest
 _MAX_SINGLE_RATIO = 1.5  # of an increment of one step to the smallest
 _MAX_RATIO_ERROR = 0.05  # of a multiple
-_MIN_SMALL_INCREMENTS = 30
-_MIN_MULTIPLE_SHARE = 0.98
+_MIN_SMALL_INCREMENTS = 30  # number
+_MIN_MULTIPLE_SHARE = 0.98  # of small increments that are multiples
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,28 +92,28 @@ def quantum(parts: Sequence[Array]) -> float:
     enough kinks, which are places with large third differences.
     """
     values = np.concatenate(parts)
-    size = float(np.abs(values).max(initial=0.0))
+    largest_value = float(np.abs(values).max(initial=0.0))
     increments = np.concatenate([np.abs(np.diff(part)) for part in parts])
-    increments = increments[increments > _MAX_INCREMENT_ROUND_OFF * size]
+    increments = increments[increments > _MAX_INCREMENT_ROUND_OFF * largest_value]
     if increments.size == 0:
         return 0.0
-    grid = max(_common_step(increments), _decimal_grid(values, size))
+    grid = max(_common_step(increments), _decimal_grid(values, largest_value))
     kink_count = 0
     for part in parts:
-        is_kink = np.abs(np.diff(part, 3)) > 0.5 * grid
+        is_kink = np.abs(np.diff(part, 3)) > 0.5 * grid  # on a grid it is 0 or a whole grid step
         kink_count += int(is_kink.sum())
     if kink_count >= _MIN_KINKS:
         return grid
     return 0.0
 
 
-def _decimal_grid(values: Array, size: float) -> float:
+def _decimal_grid(values: Array, largest_value: float) -> float:
     """Coarsest power of ten of which all values are multiples; 0 without one."""
     for decimals in range(_MAX_DECIMALS + 1):
         scale = 10.0**decimals
         scaled = values * scale
         distances = np.abs(np.round(scaled) - scaled)
-        max_distance = _MAX_DECIMAL_ERROR * max(size * scale, 1.0)
+        max_distance = _MAX_DECIMAL_ERROR * max(largest_value * scale, 1.0)
         if (distances <= max_distance).all():
             return 10.0**-decimals
     return 0.0
@@ -121,12 +121,13 @@ def _decimal_grid(values: Array, size: float) -> float:
 
 def _common_step(increments: Array) -> float:
     """Smallest increment if nearly all of enough small increments are its multiples; else 0."""
-    smallest = float(increments.min())
-    ratios = increments[increments < _MAX_SMALL_RATIO * smallest] / smallest
+    smallest_increment = float(increments.min())
+    small_increments = increments[increments < _MAX_SMALL_RATIO * smallest_increment]
+    ratios = small_increments / smallest_increment
     is_multiple = np.abs(ratios - np.round(ratios)) < _MAX_RATIO_ERROR
     if ratios.size < _MIN_SMALL_INCREMENTS or is_multiple.mean() < _MIN_MULTIPLE_SHARE:
         return 0.0
-    single_steps = increments[increments < _MAX_SINGLE_RATIO * smallest]
+    single_steps = increments[increments < _MAX_SINGLE_RATIO * smallest_increment]
     return float(np.median(single_steps))
 
 
@@ -137,7 +138,7 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
     white noise. The contribution of smooth motion decreases with the order, so the minimum over several orders is used.
     A few glitches do not count as noise. Rounding to the columns' grids ``quanta`` (k,) counts.
     """
-    size = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)  # (k,)
+    largest_values = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)  # (k,)
     grid_effect = _GRID_STEPS * np.asarray(quanta)
     sigma = np.full(parts[0].shape[1], np.inf)
     for order in ORDERS:
@@ -145,7 +146,7 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
         if residuals:
             sigma_of_order = deviation(np.concatenate(residuals), grid_effect)
             sigma = np.minimum(sigma, sigma_of_order)
-    is_noise = np.isfinite(sigma) & (sigma > _MAX_ROUND_OFF * size)
+    is_noise = np.isfinite(sigma) & (sigma > _MAX_ROUND_OFF * largest_values)
     return np.asarray(np.where(is_noise, sigma, 0.0))
 
 
@@ -255,7 +256,7 @@ def sample_errors(times: Sequence[Array], curves: Sequence[Array], survey: Surve
     stamp = np.zeros(len(survey.noise))
     for k in np.flatnonzero(survey.noise).tolist():
         grid = float(survey.quantum[k])
-        rounding_variance = grid**2 / 12.0
+        rounding_variance = grid**2 / 12.0  # of a uniform distribution
         errors_and_speeds = _isolate_errors(times, [x[:, k] for x in curves], grid)
         if errors_and_speeds is not None:
             errors, speed = errors_and_speeds
@@ -296,7 +297,8 @@ def _split_variance(errors: Array, speed: Array, *, rounding: float) -> tuple[fl
     """
     from scipy.optimize import lsq_linear
 
-    group_count = max(1, min(_MAX_GROUPS, len(errors) // _MIN_ROWS_PER_GROUP))
+    group_count = min(_MAX_GROUPS, len(errors) // _MIN_ROWS_PER_GROUP)
+    group_count = max(1, group_count)
     by_speed = np.argsort(np.abs(speed), kind="stable")
     floor = np.array([_GRID_STEPS * math.sqrt(12.0 * rounding)])
     variance = np.zeros(group_count)

@@ -168,7 +168,7 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
             bodies.append(MjcfBody(child, name, k, T, moves=body.moves))
             stack.append((iter(child.children), number, IDENTITY, child_class))
         else:
-            if k == 0 and child.tag in ("joint", "freejoint"):
+            if k == 0 and child.tag in ("joint", "freejoint"):  # 0 is the worldbody
                 raise child.error("stands in the worldbody, which does not move. Put it into a <body>.")
             _add_part(body, child, frame, class_name, defaults)
     return bodies
@@ -398,7 +398,8 @@ def _solid(kind: str, size: list[float], mass_or_density: dict[str, float]) -> S
     if kind == "box":
         return SpatialInertia.box([2.0 * x for x in size], **mass_or_density)
     build = SpatialInertia.capsule if kind == "capsule" else SpatialInertia.cylinder
-    return build(size[0], 2.0 * size[1], **mass_or_density)
+    radius, half_length, *_ = size
+    return build(radius, 2.0 * half_length, **mass_or_density)
 
 
 @dataclass(frozen=True)

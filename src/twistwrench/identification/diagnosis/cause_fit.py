@@ -375,20 +375,20 @@ def screen_causes(fit: CauseFit, candidates: Iterable[Cause]) -> list[ScreenedCa
     """
     s = fit.states
     screened = list[ScreenedCause]()
-    at_zero = list[int]()
+    indices_at_zero = list[int]()
     for cause in candidates:
         for start in cause.starts:
             beta = np.full(cause.size, start)
             if start == 0.0:
-                at_zero.append(len(screened))
+                indices_at_zero.append(len(screened))
                 screened.append(ScreenedCause(0.0, cause, beta, cause_columns(fit, s, cause, beta)))
                 continue
             refit = fit.refit(cause.correct(s, beta))
             e = cause_columns(refit, s, cause, beta)
             ((S, step),) = refit.gains_of_sets([e])
             screened.append(ScreenedCause(fit.gain(refit) + S, cause, beta + step, e))
-    gains = fit.gains_of_sets([screened[k].e for k in at_zero])
-    for k, (S, step) in zip(at_zero, gains, strict=True):
+    gains = fit.gains_of_sets([screened[k].e for k in indices_at_zero])
+    for k, (S, step) in zip(indices_at_zero, gains, strict=True):
         screened[k] = replace(screened[k], S=S, beta=screened[k].beta + step)
     return screened
 

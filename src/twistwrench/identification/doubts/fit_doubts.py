@@ -48,23 +48,24 @@ def reading_doubts(doubts: Iterable[Doubt], log: str = "") -> Iterator[Doubt]:
             continue
         level = found.level
         sentence = found.sentence
-        if "identify" not in doubt_table()[found.kind].reads:
+        table_row = doubt_table()[found.kind]
+        if "identify" not in table_row.reads:
             level = "note"
         if log:
             sentence = f"{log}: {sentence}"
         yield replace(found, level=level, sentence=sentence)
 
 
-def left_unexplained(held: HeldOut, training: HeldOut) -> list[Doubt]:
-    """Doubt about large residuals ``held`` of held-out rows, or about test logs that differ from the training logs.
+def left_unexplained(held_out: HeldOut, training: HeldOut) -> list[Doubt]:
+    """Doubt about large residuals ``held_out`` of held-out rows, or about test logs that differ from the training logs.
 
     ``training`` are the residuals of the training logs, each fifth predicted from the others.
     """
-    if held.all > _MAX_UNEXPLAINED:
-        return [doubt("unexplained", left=percent(held.all, 3))]
-    if held.kind == "test" and held.all > max(OTHERS * training.all, NOTABLE_IN_OTHERS):
+    if held_out.all > _MAX_UNEXPLAINED:
+        return [doubt("unexplained", left=percent(held_out.all, 3))]
+    if held_out.kind == "test" and held_out.all > max(OTHERS * training.all, NOTABLE_IN_OTHERS):
         message = (
-            f"the logs held out are explained to {percent(held.all, 3)}, the training logs among themselves to "
+            f"the logs held out are explained to {percent(held_out.all, 3)}, the training logs among themselves to "
             f"{percent(training.all, 3)}"
         )
         return [doubt("other-torques", said=message, level="refuse")]
@@ -126,24 +127,24 @@ def doubts_of(fit: FittedLog) -> tuple[Doubt, ...]:
     has_model_free_reason = not _MODEL_FREE_REASONS.isdisjoint(_kinds(model_free_doubts))
     is_spoiled = "refuse" in _levels(model_free_doubts) or has_model_free_reason
     cause_doubts = [] if is_spoiled else _cause_doubts(fit, model_free_doubts)
-    known = is_spoiled or bool(_levels(cause_doubts) - {"note"})  # True if the reason of the residual is known
+    has_known_cause = is_spoiled or bool(_levels(cause_doubts) - {"note"})
     doubts = [*model_free_doubts, *cause_doubts]
-    if not known:
+    if not has_known_cause:
         if not fit.payload_only:
             doubts += _missing_link(fit)
         motion_doubts = _unexciting(fit)
         if not motion_doubts:
             motion_doubts = _poor_predictions(fit)
         doubts += motion_doubts
-    negative_doubts = _negative_doubts(fit, known=known)
+    negative_doubts = _negative_doubts(fit, has_known_cause=has_known_cause)
     doubts += negative_doubts
-    if not negative_doubts and not known:
+    if not negative_doubts and not has_known_cause:
         doubts += _negative_energy(fit)
-    if known or "unexciting" not in _kinds(doubts):
-        return sorted_doubts([*doubts, *_residual_doubts(fit, known=known, loud=False)])
-    loud = _residual_above_noise(fit)
-    residual_doubts = _residual_doubts(fit, known=known, loud=loud)
-    if loud:
+    if has_known_cause or "unexciting" not in _kinds(doubts):
+        return sorted_doubts([*doubts, *_residual_doubts(fit, has_known_cause=has_known_cause, is_loud=False)])
+    is_loud = _residual_above_noise(fit)
+    residual_doubts = _residual_doubts(fit, has_known_cause=has_known_cause, is_loud=is_loud)
+    if is_loud:
         return sorted_doubts([*residual_doubts, *doubts])  # more motion would not explain a loud residual
     return sorted_doubts([*doubts, *residual_doubts])
 
@@ -191,7 +192,7 @@ def _missing_link(fit: FittedLog) -> list[Doubt]:
 
     squares_with_all = squared_residual(base.unknown.file_values)
     moving_links = {body.link for body in model.bodies}
-    least_squares = _MAX_RESIDUAL_WITHOUT_LINK**2 * squares_with_all
+    smallest_squares = _MAX_RESIDUAL_WITHOUT_LINK**2 * squares_with_all
     missing_link = ""
     for link, frame in model.frames.items():
         is_fixed_to_body = frame.body != BASE and link not in moving_links
@@ -200,13 +201,13 @@ def _missing_link(fit: FittedLog) -> list[Doubt]:
             continue
         values = _values_without(base, frame.body, G.in_frame(frame.pose))
         squares = squared_residual(values)
-        if squares < least_squares:
-            least_squares = squares
+        if squares < smallest_squares:
+            smallest_squares = squares
             missing_link = link
     if not missing_link:
         return []
     squared_torques = float((fit.tau**2).sum())
-    share = percent(np.sqrt(least_squares / squared_torques), 3)
+    share = percent(np.sqrt(smallest_squares / squared_torques), 3)
     share_with_all = percent(np.sqrt(squares_with_all / squared_torques), 3)
     return [doubt("missing-link", link=missing_link, left=share, whole=share_with_all)]
 
@@ -222,13 +223,13 @@ def _values_without(base: BaseParameters, body: int, G: SpatialInertia) -> Array
 
 def _unexciting(fit: FittedLog) -> list[Doubt]:
     """Doubt about a motion that leaves many groups undetermined."""
-    free = ~fit.base.held
+    is_free = ~fit.base.held
     relative_deviations = fit.deviations / fit.prior.size
-    is_undetermined = (fit.deviations > _MAX_UNDETERMINED_DEVIATION * fit.prior.size)[free]
+    is_undetermined = (fit.deviations > _MAX_UNDETERMINED_DEVIATION * fit.prior.size)[is_free]
     undetermined_count = int(is_undetermined.sum())
     if undetermined_count <= _MAX_UNDETERMINED_SHARE * len(is_undetermined):
         return []
-    worst_first = np.argsort(-(relative_deviations * free))
+    worst_first = np.argsort(-(relative_deviations * is_free))
     names = fit.first_parameters(worst_first[:_MAX_NAMED_GROUPS])
     determined_count = len(is_undetermined) - undetermined_count
     counts = f"{determined_count} of {len(is_undetermined)} groups of parameters"
@@ -271,13 +272,13 @@ def _is_never_negative(base: BaseParameters) -> Array:
 
     A group with a difference, as of coupled motors, can be negative.
     """
-    never = np.isin(base.unknown.kinds, _NOT_NEGATIVE)  # parameters
+    is_never_negative = np.isin(base.unknown.kinds, _NOT_NEGATIVE)  # mask of parameters
     is_absent = base.grouping == 0.0
-    is_allowed = is_absent | ((base.grouping > 0.0) & never)
+    is_allowed = is_absent | ((base.grouping > 0.0) & is_never_negative)
     return np.asarray(is_allowed.all(axis=1))
 
 
-def _negative_doubts(fit: FittedLog, *, known: bool) -> list[Doubt]:
+def _negative_doubts(fit: FittedLog, *, has_known_cause: bool) -> list[Doubt]:
     """Doubts about negative friction and motor inertias: two at one joint show a wrong sign of its torque."""
     kinds = np.array(fit.base.unknown.kinds)[fit.base.kept]
     of_drive = np.isin(kinds, ("coulomb", "viscous", "motor_inertia"))
@@ -287,7 +288,7 @@ def _negative_doubts(fit: FittedLog, *, known: bool) -> list[Doubt]:
     share = shares[~fit.dead].max(axis=0)  # of each group
     is_negative = (fit.x < -_MIN_NEGATIVE_DEVIATIONS * fit.deviations) & (share > _MIN_NEGATIVE_SHARE)
     groups = np.flatnonzero(of_drive & _is_never_negative(fit.base) & is_negative)
-    if known or not len(groups):
+    if has_known_cause or not len(groups):
         return []
     doubts = list(_negative_values(fit, groups.tolist(), kinds))
     if _negative_matters(fit, groups):
@@ -305,10 +306,10 @@ def _negative_matters(fit: FittedLog, groups: Array) -> bool:
         other_fifths = total - fifth
         A = other_fifths.N.sum(axis=0)
         b = other_fifths.c.sum(axis=0)
-        kept = np.delete(np.arange(len(b)), groups)
-        prior = Prior(fit.prior.mean[kept], fit.prior.size[kept])
+        kept_groups = np.delete(np.arange(len(b)), groups)
+        prior = Prior(fit.prior.mean[kept_groups], fit.prior.size[kept_groups])
         x_with_zeros = np.zeros(len(b))
-        x_with_zeros[kept] = prior.solve(A[np.ix_(kept, kept)], b[kept])
+        x_with_zeros[kept_groups] = prior.solve(A[np.ix_(kept_groups, kept_groups)], b[kept_groups])
         squares += fifth.squares(fit.prior.solve(A, b))
         squares_with_zeros += fifth.squares(x_with_zeros)
     is_higher = squares_with_zeros > (1.0 + _MIN_RESIDUAL_RISE) ** 2 * squares
@@ -384,14 +385,14 @@ def _negative_energy(fit: FittedLog) -> list[Doubt]:
     variances = np.einsum("mr,rs,ms->m", energy_columns, fit.covariance, energy_columns)
     deviations = np.sqrt(np.maximum(variances, 0.0))
     quantile = np.sqrt(chdtri(n, _MAX_CHANCE))
-    worst = int(np.argmin(energy_columns @ fit.x + quantile * deviations))
-    energy = float(energy_columns[worst] @ fit.x)
-    deviation = float(deviations[worst])
-    largest_energy = 0.5 * doubled_energies[worst, -1]
+    worst_pose = int(np.argmin(energy_columns @ fit.x + quantile * deviations))
+    energy = float(energy_columns[worst_pose] @ fit.x)
+    deviation = float(deviations[worst_pose])
+    largest_energy = 0.5 * doubled_energies[worst_pose, -1]
     is_significant = energy < -quantile * deviation
     if not is_significant or -energy <= _MIN_NEGATIVE_SHARE * largest_energy:
         return []
-    parts = np.abs(directions[worst, :, 0])  # of the joints in the direction
+    parts = np.abs(directions[worst_pose, :, 0])  # of the joints in the direction
     largest_first = np.argsort(-parts)
     is_large = parts[largest_first] > _MIN_SHARE_OF_DIRECTION * parts.max()
     names = fit.joints(largest_first[is_large])
@@ -399,25 +400,25 @@ def _negative_energy(fit: FittedLog) -> list[Doubt]:
     return [doubt("negative-inertia", names, values=values)]
 
 
-def _residual_doubts(fit: FittedLog, *, known: bool, loud: bool) -> list[Doubt]:
-    """Doubts about the residual in held-out rows; none if the reason of the residual is ``known``.
+def _residual_doubts(fit: FittedLog, *, has_known_cause: bool, is_loud: bool) -> list[Doubt]:
+    """Doubts about the residual in held-out rows; none if the residual has a known cause.
 
-    ``loud`` is True if the motion determines too little, and the residual is far above the noise.
+    ``is_loud`` is True if the motion determines too little, and the residual is far above the noise.
     """
-    if known:
+    if has_known_cause:
         return []
-    held = fit.held_out
-    doubts = left_unexplained(held, fit.trained)
-    if not doubts and (held.all > _MAX_UNREPORTED or loud):
+    held_out = fit.held_out
+    doubts = left_unexplained(held_out, fit.trained)
+    if not doubts and (held_out.all > _MAX_UNREPORTED or is_loud):
         live_joints = fit.joints(np.flatnonzero(~fit.dead))
-        worst = max(live_joints, key=lambda joint: held.joints[joint])
-        when = _largest_at(held, list(held.joints).index(worst)) if loud else ""
-        share = percent(held.all, 3)
-        share_of_worst = percent(held.joints[worst], 3)
-        doubts.append(doubt("partly-unexplained", [worst], left=share, most=share_of_worst, when=when))
+        worst_joint = max(live_joints, key=lambda joint: held_out.joints[joint])
+        when = _largest_at(held_out, list(held_out.joints).index(worst_joint)) if is_loud else ""
+        share = percent(held_out.all, 3)
+        share_of_worst = percent(held_out.joints[worst_joint], 3)
+        doubts.append(doubt("partly-unexplained", [worst_joint], left=share, most=share_of_worst, when=when))
     joints = _poorly_predicted(fit)
     if joints and "refuse" not in _levels(doubts):
-        message = listed([f"{joint} to {percent(held.joints[joint], 3)}" for joint in joints], _MAX_NAMED_JOINTS)
+        message = listed([f"{joint} to {percent(held_out.joints[joint], 3)}" for joint in joints], _MAX_NAMED_JOINTS)
         doubts.append(doubt("unexplained-joint", joints, said=message))
     return doubts
 
@@ -442,31 +443,31 @@ def _residual_above_noise(fit: FittedLog) -> bool:
     return bool((residual > max_quiet)[~fit.dead].any())
 
 
-def _largest_at(held: HeldOut, joint: int) -> str:
+def _largest_at(held_out: HeldOut, joint: int) -> str:
     """Text of the time at which the residual of a joint is largest; empty for several logs."""
-    largest = -1.0  # residual
+    largest_residual = -1.0
     text = ""
-    for rows in held.rows:
+    for rows in held_out.rows:
         is_of_several_logs = rows.log.any()  # the first has index 0
         if is_of_several_logs:
             return ""
         if len(rows.time):
-            residual = np.abs(rows.measured - rows.predicted)[:, joint]
+            residual = np.abs(rows.measured[:, joint] - rows.predicted[:, joint])
             k = int(residual.argmax())
-            if residual[k] > largest:
-                largest = float(residual[k])
+            if residual[k] > largest_residual:
+                largest_residual = float(residual[k])
                 text = f", largest at t = {seconds(float(rows.time[k]), 4)} s"
     return text
 
 
 def _poorly_predicted(fit: FittedLog) -> list[str]:
     """Joints whose held-out residual is a large share of their torque and, if they have one, of their effort limit."""
-    held = fit.held_out
+    held_out = fit.held_out
     effort = fit.base.unknown.model.limits.effort
-    row_count = sum(len(rows.time) for rows in held.rows)
-    residual = np.sqrt(held.squares / max(row_count, 1))  # rms
+    row_count = sum(len(rows.time) for rows in held_out.rows)
+    residual = np.sqrt(held_out.squares / max(row_count, 1))  # rms
     is_small = np.isfinite(effort) & (residual <= _MAX_SHARE_OF_LIMIT * effort)
-    has_torque = ~fit.dead & (held.sizes > 0)
-    shares = np.array(list(held.joints.values()))
+    has_torque = ~fit.dead & (held_out.sizes > 0)
+    shares = np.array(list(held_out.joints.values()))
     is_unexplained = shares > _MAX_UNEXPLAINED_OF_JOINT
     return fit.joints(np.flatnonzero(has_torque & ~is_small & is_unexplained))

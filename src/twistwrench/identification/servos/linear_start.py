@@ -46,6 +46,11 @@ _MIN_SHARE_OF_ERROR = 1e-3
 """Smallest part in the error of an initial value, as a share of the largest part of the joint."""
 
 
+# Columns of the regression: ddq, dq, sgn dq and the torques of the bodies.
+_SPEED_COLUMN = 1
+_TORQUE_COLUMN = 3
+
+
 @dataclass(frozen=True, eq=False)
 class _Rows:
     """Rows of a log on even times, all filtered by the same low-pass."""
@@ -64,7 +69,7 @@ class _Rows:
 
     @classmethod
     def from_log(cls, robot: Robot, log: ServoLog) -> _Rows:
-        """Rows of a log; ``robot`` is without armature, so that its torques are those of the bodies."""
+        """Rows of a log; ``robot`` is without armature, so that bodies alone need its torques."""
         time = np.linspace(0.0, log.time[-1], len(log.time))
         rate = (len(time) - 1) / float(time[-1])
         cutoff = min(_MAX_CUTOFF, _MAX_CUTOFF_SHARE * rate)
@@ -95,7 +100,8 @@ def scale_determining_torques(robot: Robot, logs: Sequence[ServoLog]) -> Array:
     columns = np.concatenate([_Rows.from_log(bare_robot, log).columns for log in logs])
     torques = np.zeros(robot.nv)
     for j in range(robot.nv):
-        drive_columns, torque = columns[:, j, :3], columns[:, j, 3]
+        drive_columns = columns[:, j, :_TORQUE_COLUMN]
+        torque = columns[:, j, _TORQUE_COLUMN]
         X = drive_columns / (np.linalg.norm(drive_columns, axis=0) + 1e-300)  # not divided by zero
         x, *_ = np.linalg.lstsq(X, torque, rcond=None)
         residual = torque - X @ x
@@ -163,12 +169,13 @@ class _JointFit:
     @classmethod
     def from_rows(cls, columns: Array, error: Array, block: Array) -> _JointFit:
         """Fit of columns (n, 4) to the error (n,) of a joint."""
-        speed = np.abs(columns[:, 1])
+        speed = np.abs(columns[:, _SPEED_COLUMN])
         is_moving = speed > _MIN_SPEED
-        X, y = columns[is_moving], error[is_moving]
-        size = np.linalg.norm(X, axis=0) + 1e-300  # not divided by zero
-        scaled_x, *_ = np.linalg.lstsq(X / size, y, rcond=None)
-        x = scaled_x / size
+        X = columns[is_moving]
+        y = error[is_moving]
+        norms = np.linalg.norm(X, axis=0) + 1e-300  # not divided by zero
+        scaled_x, *_ = np.linalg.lstsq(X / norms, y, rcond=None)
+        x = scaled_x / norms
         return cls(x, X, y - X @ x, block[is_moving])
 
 
@@ -194,21 +201,22 @@ def _drive_parameters(fit: _JointFit, armature: float) -> Array:
         rms = np.ones(4)
         largest_part = 1.0
         block_scores = np.zeros((1, 4))
-    min_ratios = _MIN_SHARE_OF_ERROR * largest_part / np.maximum(rms, 1e-12)
+    min_ratios = _MIN_SHARE_OF_ERROR * largest_part / np.maximum(rms, 1e-12)  # not divided by zero
     ratios = np.maximum(x, min_ratios)  # logarithms need numbers above zero
     N = np.linalg.pinv(X.T @ X)
     covariance = N @ block_scores.T @ block_scores @ N  # residuals within a block may be correlated
-    inverse_kp = x[3]
-    deviation = float(np.sqrt(covariance[3, 3]))
+    inverse_kp = x[_TORQUE_COLUMN]
+    deviation = float(np.sqrt(covariance[_TORQUE_COLUMN, _TORQUE_COLUMN]))
     if deviation > 0.0 and inverse_kp > _MIN_DEVIATIONS * deviation:  # the torque of the bodies determines 1/kp
         kp = 1.0 / inverse_kp
     else:
-        kp = armature / ratios[0]
-    return np.append(kp * ratios[:3], kp)
+        armature_per_kp = ratios[0]
+        kp = armature / armature_per_kp
+    return np.append(kp * ratios[:_TORQUE_COLUMN], kp)
 
 
 def _guessed_armatures(robot: Robot, q: Array) -> Array:
-    """(nv,) armature of each drive: that of the file, or a share of the largest inertia of all joints."""
+    """(nv,) armature of each drive: from the file, or a share of the largest inertia of all joints."""
     row_step = max(1, len(q) // _INERTIA_CONFIGURATIONS)
     M = np.asarray(robot.mass_matrix(q[::row_step]))
     inertias = np.diagonal(M, axis1=1, axis2=2).max(axis=0)

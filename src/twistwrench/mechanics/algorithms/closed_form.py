@@ -125,7 +125,8 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
     for name, F_by in (wrenches or {}).items():
         frame = model.frame(name)
         if frame.body != BASE:
-            F[rows_of_bodies[frame.body]] += Ad(se3.inverse(frame.pose)).matrix.T @ F_by
+            Ad_frame = Ad(se3.inverse(frame.pose)).matrix  # from the body to the frame
+            F[rows_of_bodies[frame.body]] += Ad_frame.T @ F_by
     L = np.linalg.inv(np.eye(6 * n) - W)
     V = L @ A @ dq
     ad_V = _block_diagonal(V)

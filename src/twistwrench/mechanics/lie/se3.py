@@ -143,6 +143,7 @@ def exp(V: ArrayLike) -> Poses:
 
 
 def _exp(V: Array) -> Array:
+    """Poses (..., 4, 4) of twists (..., 6)."""
     w, theta = within_reach(V[..., :3])
     v = V[..., 3:]
     b = series.one_minus_cos_over_square(theta)
@@ -172,6 +173,7 @@ def log(T: ArrayLike) -> Twists:
 
 
 def _log(T: Array) -> Array:
+    """Twists (..., 6) of poses (..., 4, 4)."""
     w = so3.log(T[..., :3, :3])
     v_column = so3.left_jacobian_inverse(w) @ T[..., :3, 3, None]
     return np.concatenate([w, v_column[..., 0]], axis=-1)
@@ -321,7 +323,7 @@ def _block_matrix(J: Array, Q: Array) -> Array:
 def rotation_exp(w: Array) -> tuple[Array, Any]:
     """exp [w], (3, 3), and w·w. MR eq. 3.51 with sin θ = 2 sin(θ/2) cos(θ/2) and 1 - cos θ = 2 sin²(θ/2)."""
     square = w @ w
-    half, cosine, _ = half_angle(square)
+    half, cosine, _ = half_angle(square)  # half = sin(θ/2)/θ
     R = quadratic(w, 2.0 * half * cosine, 2.0 * half * half)
     return R, square
 
@@ -330,7 +332,7 @@ def pose_exp(V: Array) -> tuple[Array, Any]:
     """exp [V], (4, 4), and ω·ω. MR eq. 3.88."""
     w, v = V[:3], V[3:]
     R, square = rotation_exp(w)
-    half, _, third = half_angle(square)
+    half, _, third = half_angle(square)  # third = (θ - sin θ)/θ³
     p = slide(w, v, 2.0 * half * half, third)
     return pose(R, p), square
 
@@ -350,7 +352,7 @@ def pose_log(T: Array) -> tuple[Array, Any]:
     """V with exp [V] = T and |ω| ≤ π, and the squared deviation of T from a pose. MR eq. 3.92."""
     w, square_deviation = rotation_log(T[:3, :3])
     v = slide(w, T[:3, 3], -0.5, cotangent_quotient(w @ w))
-    last_row_error = T[3] - np.eye(4)[3]
+    last_row_error = T[3] - np.array([0.0, 0.0, 0.0, 1.0])
     return np.concatenate([w, v]), square_deviation + last_row_error @ last_row_error
 
 

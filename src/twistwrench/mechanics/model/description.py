@@ -66,8 +66,8 @@ def grouped(remarks: Iterable[str]) -> list[str]:
     for remark in first_remarks:
         sentence = str(remark)
         if isinstance(remark, ModelNote) and later_subjects[remark.predicate]:
-            others = listed(later_subjects[remark.predicate], _MAX_LISTED_SUBJECTS)
-            sentence += f"; the same of {others}"
+            other_subjects = listed(later_subjects[remark.predicate], _MAX_LISTED_SUBJECTS)
+            sentence += f"; the same of {other_subjects}"
         joined_remarks.append(sentence)
     return joined_remarks
 
@@ -156,8 +156,8 @@ class JointEntry:
     """One described joint, possibly fixed."""
 
     joint: Joint
-    parent: str
-    child: str
+    parent: str  # name of a link
+    child: str  # name of a link
     placement: Array
     """Pose T_parent,child (4, 4) with the joint at zero."""
     limits: Limits
@@ -165,7 +165,7 @@ class JointEntry:
     """Coefficient of viscous friction [N m s/rad, N s/m]."""
     friction: float
     """Dry friction [N m, N]."""
-    mimic: Mimic | None
+    mimic: Mimic | None  # None unless the joint follows another
     where: str
     """Place in the file, for messages; may be empty."""
     armature: float = 0.0
@@ -190,7 +190,7 @@ class SiteEntry:
     """Described frame that is not a link."""
 
     name: str
-    link: str
+    link: str  # that carries the frame
     pose: Array
     """Pose in the link's frame (4, 4)."""
 

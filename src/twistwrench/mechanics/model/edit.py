@@ -197,7 +197,8 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
 def _in_file_order(model: Model, locked: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
     """Locked joints with their mimic joints, in the order of the file, so that the order of locking does not matter."""
     number_by_joint = {joint: number for number, (_, joint) in enumerate(model.mounts.values())}
-    joints = sorted(locked, key=lambda joint: number_by_joint.get(joint, len(number_by_joint)))
+    count = len(number_by_joint)
+    joints = sorted(locked, key=lambda joint: number_by_joint.get(joint, count))  # others last
     return {joint: locked[joint] for joint in joints}
 
 

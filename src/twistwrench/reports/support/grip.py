@@ -112,25 +112,26 @@ def _expected_text(kind: Kind) -> str:
     return f"FORCE,FRICTION[@FRAME] in N, for example {example}"
 
 
-def _holder_entries(kind: Kind, given: HolderGiven) -> dict[str, Any]:
+def _holder_entries(kind: Kind, text_or_mapping: HolderGiven) -> dict[str, Any]:
     """Entries of a holder from its text or mapping, with force and friction."""
-    if not isinstance(given, Mapping):
-        text, _, frame = str(given).partition("@")
+    if not isinstance(text_or_mapping, Mapping):
+        text, _, frame = str(text_or_mapping).partition("@")
         force, friction = parse_numbers(text, kind, _expected_text(kind), 2)
         return {"force": force, "friction": friction, "frame": frame.strip()}
-    for key in given:
+    for key in text_or_mapping:
         if key not in _ENTRY_NAMES[kind]:
             raise UnknownNameError.from_choices(f"entry of {kind}", key, _ENTRY_NAMES[kind])
     for key in ("force", "friction"):
-        if key not in given:
+        if key not in text_or_mapping:
             raise ValueRangeError(f"{{0}} lacks {key!r}. Give {_expected_text(kind)}.", Argument(kind))
-    return dict(given)
+    return dict(text_or_mapping)
 
 
 def _fingers(force: float, friction: float, axis: Array, width: float, pad: Any) -> tuple[Contact, ...]:
     """Contacts of two pads that face each other along an axis; ``pad`` has two sides [m], ``width`` is their distance [m]."""
     signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])  # of the four corners
-    corners = 0.5 * (signs * [pad[0], pad[1]]) @ tangents(axis)  # about the middle of a pad
+    sides = np.array([pad[0], pad[1]])
+    corners = 0.5 * (signs * sides) @ tangents(axis)  # about the middle of a pad
     contacts: list[Contact] = []
     for side in (-1.0, 1.0):
         pad_corners = corners - side * 0.5 * width * axis
@@ -153,7 +154,7 @@ def _cup(force: float, friction: float, radius: float) -> tuple[Contact, ...]:
 class GripSupport:
     """Support of the payload by its holder along a motion."""
 
-    support: Support
+    support: Support  # at each instant
     holder: Holder
     time: Array
     """(n,): times of the motion [s]."""
@@ -229,7 +230,7 @@ class GripSupport:
 
     def table(self) -> Table:
         """Table of the forces that the payload needs."""
-        finite_forces = np.where(np.isfinite(self.needed), self.needed, -1.0)
+        finite_forces = np.where(np.isfinite(self.needed), self.needed, -1.0)  # infinite ones never the largest
         k = int(finite_forces.argmax())
         return Table(
             "Grip",
@@ -251,9 +252,9 @@ def _rounded_up(force: float) -> str:
     if force <= 0:
         return number(0.0)
     exponent = math.floor(math.log10(force))
-    unit = 10.0 ** (exponent - 2)  # of the third digit
-    units = math.ceil(force / unit * (1 - 1e-9))  # not up by a rounding error
-    return number(units * unit, 3)
+    third_digit = 10.0 ** (exponent - 2)  # its value [N]
+    count = math.ceil(force / third_digit * (1 - 1e-9))  # not up by a rounding error
+    return number(count * third_digit, 3)
 
 
 def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array) -> GripSupport:
@@ -268,13 +269,14 @@ def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array)
     T_sf = np.asarray(robot.forward_kinematics(motion.q, frame))
     T_sp = np.asarray(robot.forward_kinematics(motion.q, payload_frame))
     T_fp = se3.inverse(T_sf) @ T_sp
-    if np.abs(T_fp - T_fp[0]).max(initial=0.0) > _MAX_SHIFT_OF_PAYLOAD:
+    first_T_fp = T_fp[0]
+    if np.abs(T_fp - first_T_fp).max(initial=0.0) > _MAX_SHIFT_OF_PAYLOAD:
         raise ValueRangeError(
             f"{{0}}: the payload is at {payload_frame!r}, which moves against {frame!r}. Hold it at a frame that is fixed to "
             "it.",
             Argument(holder.kind),
         )
-    G = payload.inertia.in_frame(T_fp[0])
+    G = payload.inertia.in_frame(first_T_fp)
     wrenches, weights = _payload_wrenches(np.asarray(G.matrix), robot, motion, frame)
     support = hold(wrenches, holder.contacts, per_kilogram=wrenches / payload.mass, at_rest=weights)
     needed = holder.force * force_shares(wrenches, holder.contacts)
@@ -291,12 +293,14 @@ def _payload_wrenches(G: Array, robot: Any, motion: Motion, frame: str) -> tuple
     """
     V = np.asarray(robot.frame_velocity(motion.q, motion.dq, frame))
     A = np.asarray(robot.frame_acceleration(motion.q, motion.dq, motion.ddq, frame))
-    R = np.asarray(robot.forward_kinematics(motion.q, frame))[:, :3, :3]
+    T = np.asarray(robot.forward_kinematics(motion.q, frame))
+    R = T[:, :3, :3]
     g = np.einsum("nji,j->ni", R, robot.model.gravity)
     free_fall = np.concatenate([np.zeros_like(g), g], axis=1)  # (0, g)
-    P = V @ G.T
+    P = V @ G.T  # momentum G V
     w, v = V[:, :3], V[:, 3:]
     angular, linear = P[:, :3], P[:, 3:]
-    bias = np.concatenate([np.cross(angular, w) + np.cross(linear, v), np.cross(linear, w)], axis=1)  # ad(V)' P
+    bias_moment = np.cross(angular, w) + np.cross(linear, v)
+    bias = np.concatenate([bias_moment, np.cross(linear, w)], axis=1)  # ad(V)' P
     weight = free_fall @ G.T
     return weight - A @ G.T + bias, weight

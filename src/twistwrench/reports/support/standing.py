@@ -78,25 +78,25 @@ class StandingCase(LoadCase):
         If no friction is given, friction is assumed. Instants that need more friction, to balance or to keep the torque
         limits, get the forces with unlimited friction.
         """
-        assumed_forces = contact_forces(robot, q, tau, self.ground.contacts, carrying, self.effort)
+        limited_forces = contact_forces(robot, q, tau, self.ground.contacts, carrying, self.effort)
         if self.ground.given:
-            return assumed_forces
-        needs_friction = ~assumed_forces.holds | self._exceed_limits(tau, assumed_forces)
+            return limited_forces
+        needs_friction = ~limited_forces.holds | self._exceed_limits(tau, limited_forces)
         rows = np.flatnonzero(needs_friction & carrying.any(axis=1))
         if not len(rows):
-            return assumed_forces
+            return limited_forces
         contacts = self.ground.unlimited_contacts
         unlimited_forces = contact_forces(robot, q[rows], tau[rows], contacts, carrying[rows], self.effort)
         # Unlimited friction does not help where torques still exceed their limits; forces that balance stay there.
-        is_better = ~(assumed_forces.holds[rows] & self._exceed_limits(tau[rows], unlimited_forces))
-        forces = assumed_forces.forces.copy()
-        holds = assumed_forces.holds.copy()
+        is_better = ~(limited_forces.holds[rows] & self._exceed_limits(tau[rows], unlimited_forces))
+        forces = limited_forces.forces.copy()
+        holds = limited_forces.holds.copy()
         forces[rows[is_better]] = unlimited_forces.forces[is_better]
         holds[rows[is_better]] = unlimited_forces.holds[is_better]
-        return ContactForces(forces, assumed_forces.maps, holds)
+        return ContactForces(forces, limited_forces.maps, holds)
 
     def _exceed_limits(self, tau: Array, contacts: ContactForces) -> Array:
-        """Mask (n,) of states whose drive torques exceed their limits: tau minus the torques of the contact forces."""
+        """Mask (n,) of states in which tau, minus the torques of the contact forces, exceeds the torque limits."""
         if self.effort is None:
             return np.zeros(len(tau), bool)
         limits = np.where(floating_entries(self.robot), np.inf, self.effort)
@@ -183,7 +183,8 @@ class StandingCase(LoadCase):
                 moment = np.cross(lever, f)
                 wrench[:, :3] += np.einsum("nji,nj->ni", R, moment)
                 wrench[:, 3:] += np.einsum("nji,nj->ni", R, f)
-            wrenches[frame] = wrenches.get(frame, 0.0) + wrench
+            given_wrench = wrenches.get(frame, 0.0)  # zero if none is given
+            wrenches[frame] = given_wrench + wrench
         return wrenches
 
     def _without_base(self, tau: Array) -> Array:

@@ -76,7 +76,7 @@ def with_base_held(robot: Robot) -> Robot:
     """Robot with its free base held, so that only the joints have coordinates; the robot itself if no base is free."""
     if floating_entries(robot).sum() != _VELOCITIES_OF_FREE_BASE:
         return robot
-    root = next(body for body in robot.model.leaders if not body.joint.driven)
+    root = next(body for body in robot.model.leaders if not body.joint.driven)  # on the free joint
     q_indices, _ = root.places
     held_model = edit.lock(robot.model, {root.joint.name: robot.neutral[q_indices]})
     return Robot(replace(held_model, mounted=False, locked=robot.model.locked))
@@ -127,6 +127,6 @@ def _pose_on_wheels(held_robot: Robot, q: Array, ground: Ground) -> Array:
     lowest_points = []
     for contact in ground.contacts:
         T = np.asarray(held_robot.forward_kinematics(q, contact.frame))
-        hub = T @ np.r_[contact.point, 1.0]
-        lowest_points.append(hub[:3] - contact.radius * up)
+        homogeneous_hub = T @ np.r_[contact.point, 1.0]
+        lowest_points.append(homogeneous_hub[:3] - contact.radius * up)
     return level_pose(held_robot, np.array(lowest_points), ground.normal)

@@ -133,12 +133,13 @@ class _Differentiable:
             derivatives: tuple[Any, Any] = jax.jvp(program_function, tuple(primals), tuple(dense_tangents))
             return derivatives
         columns = {}  # of H by the name of an input
-        first = 0
+        first_column = 0
         for port in self.inputs:
             if port.name in involved:
-                columns[port.name] = slice(first, first + port.size)
-                first += port.size
-        jacobians = self.with_jacobian(involved)(*primals)[len(outputs) :]
+                columns[port.name] = slice(first_column, first_column + port.size)
+                first_column += port.size
+        values_and_jacobians = self.with_jacobian(involved)(*primals)
+        jacobians = values_and_jacobians[len(outputs) :]
         results = self.with_jacobian(by)(*primals)
         hessians = _result_tuple(self.hessian(involved)(*primals))
         changes = []
@@ -159,9 +160,9 @@ class _Differentiable:
                 H_columns = H[..., columns[name]]
                 jacobian_change += _contract(jnp, H_columns, flat_tangent, 1, (*port.shape, H.shape[-1]))
             changes.append(change)
-            jacobian_changes += [
-                jacobian_change[..., columns[name]].reshape(jacobian_by_input[name].shape) for name in by
-            ]
+            for name in by:
+                own_change = jacobian_change[..., columns[name]]
+                jacobian_changes.append(own_change.reshape(jacobian_by_input[name].shape))
         return results, (*changes, *jacobian_changes)
 
 

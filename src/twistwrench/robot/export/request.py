@@ -38,7 +38,7 @@ Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, M
 class Request:
     """One quantity with its options and its function."""
 
-    quantity: str
+    quantity: str  # name
     options: Mapping[str, Any]
     """Given options, for :meth:`~twistwrench.Robot.kernel`."""
     full: Mapping[str, Any]
@@ -179,8 +179,8 @@ class BridgedQuantity:
     """One quantity with its options for a bridge to another package, whose functions use the cached parts in every call."""
 
     robot: Robot
-    name: str
-    options: Mapping[str, Any]
+    name: str  # of the quantity
+    options: Mapping[str, Any]  # given ones, for robot.kernel
     _derivatives: dict[Any, BridgedQuantity] = field(default_factory=dict, init=False, repr=False)
     """Derivatives made so far, by the arguments of :meth:`derivative`."""
 
@@ -262,8 +262,8 @@ class BridgedQuantity:
         for shape, port in zip(shapes, ports, strict=True):
             batch_rank = len(shape) - len(port.shape)
             if batch_rank < 0 or shape[batch_rank:] != port.shape:
-                wanted = ", ".join(["…", *map(str, port.shape)])  # of any batch
-                raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
+                shape_text = ", ".join(["…", *map(str, port.shape)])  # of any batch
+                raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({shape_text}) wanted.")
             batch_shapes.append(shape[:batch_rank])
         different_shapes = set(batch_shapes)
         if len(different_shapes) <= 1:

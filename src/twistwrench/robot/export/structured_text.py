@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 TYPES = {"double": "LREAL", "float": "REAL"}
 """Types of numbers, by precision."""
 STYLES = ("function_block", "codesys")
-"""Interfaces of the blocks: one of their own, or that of CODESYS."""
+"""Interfaces of the blocks: their own, or the interface of CODESYS."""
 STATES = 10
 """Number of states in the program that checks the blocks."""
 _LINE_WIDTH = 76
@@ -108,7 +108,7 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
     """Declaration and statements of one block, below a comment with its ``description``."""
     program = request.function.program
     precision = request.function.precision
-    real = TYPES[precision]
+    real_type = TYPES[precision]
     scope = Names([name])
     parameters = [scope.free(parameter) for parameter in request.function.parameters]
     input_count = len(program.inputs)
@@ -140,10 +140,10 @@ def function_block(name: str, request: Request, description: Sequence[str]) -> s
         statements.append(f"{element} := {operand_text(result)};")
     declarations = []
     for parameter, port in zip(parameters, (*program.inputs, *program.outputs), strict=True):
-        declarations.append(f"    {parameter} : {_array_type(port.size, real)};")
+        declarations.append(f"    {parameter} : {_array_type(port.size, real_type)};")
     local_declarations: list[str] = []
     if local_names:
-        local_declarations = ["VAR", *_wrap(local_names, f" : {real};"), "END_VAR"]
+        local_declarations = ["VAR", *_wrap(local_names, f" : {real_type};"), "END_VAR"]
     lines = [
         _comment(description),
         f"FUNCTION_BLOCK {name}",
@@ -177,9 +177,9 @@ _OPERATIONS: Mapping[str, str] = {
 """Expressions of the operations; MIN, MAX and SEL evaluate all operands, which have no side effects."""
 
 
-def _array_type(size: int, real: str) -> str:
-    """Type of an array with ``size`` entries of the type ``real``."""
-    return f"ARRAY[0..{size - 1}] OF {real}"
+def _array_type(size: int, real_type: str) -> str:
+    """Type of an array with ``size`` entries of the type ``real_type``."""
+    return f"ARRAY[0..{size - 1}] OF {real_type}"
 
 
 def _wrap(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[str]:
@@ -272,7 +272,7 @@ def export_st(
         description = _description(robot, request, torque)
         texts.append(function_block(name, request, description))
     if style == "codesys":
-        block, request = blocks[0]
+        ((block, request),) = blocks  # inverse_dynamics alone
         texts.append(_codesys_wrapper(scope.free(f"{prefix}_dynamics"), block, request))
     if test:
         texts.append(_test_program(robot, scope.free(f"{prefix}_TEST"), blocks))
@@ -284,7 +284,7 @@ def export_st(
 def _header(robot: Robot, exports: Sequence[Request], torque: str) -> str:
     """Comment at the beginning of the file: conventions, and entries of q and dq."""
     digests = ", ".join(request.function.program.digest[:_DIGEST_LETTERS] for request in exports)
-    real = TYPES[exports[0].function.precision]
+    real_type = TYPES[exports[0].function.precision]
     gx, gy, gz = map(file_number, robot.gravity)
     torque_lines = []
     if torque == "motor":
@@ -294,7 +294,7 @@ def _header(robot: Robot, exports: Sequence[Request], torque: str) -> str:
         torque_lines = [f"tau of motor_torques: N m at the shafts of the motors, in the {order}."]
     return _comment(
         [
-            f"Dynamics of the robot {robot.name} in Structured Text (IEC 61131-3), numbers of type {real}.",
+            f"Dynamics of the robot {robot.name} in Structured Text (IEC 61131-3), numbers of type {real_type}.",
             f"Written by twistwrench {version('twistwrench')}. Hash of the equations: {digests}.",
             "",
             *_CONVENTIONS.split("\n"),
@@ -310,7 +310,7 @@ def _description(robot: Robot, request: Request, torque: str) -> list[str]:
     """Comment lines of one block."""
     lines = comment_lines(robot, request)
     if torque == "motor":
-        lines[0] = (
+        lines[0] = (  # in place of the title of inverse dynamics
             "Motor torques: inverse dynamics at the shafts of the motors, (torque through the gear at its efficiency + rotor) "
             "/ ratio."
         )
@@ -322,9 +322,9 @@ def _test_program(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]
     block_names = [block for block, _ in blocks]
     scope = Names([name, *block_names, "Passed", "Worst"])
     _, first_request = blocks[0]
-    real = TYPES[first_request.function.precision]
+    real_type = TYPES[first_request.function.precision]
     k, i, difference = map(scope.free, ("k", "i", "apart"))
-    declarations = [f"    {k}, {i} : DINT;", f"    {difference} : {real};"]
+    declarations = [f"    {k}, {i} : DINT;", f"    {difference} : {real_type};"]
     statements = ["Passed := TRUE;", "Worst := 0.0;"]
     for block, request in blocks:
         block_declarations, block_statements = _block_test(robot, block, request, scope, (k, i, difference))
@@ -339,7 +339,7 @@ def _test_program(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]
             f"PROGRAM {name}",
             "VAR_OUTPUT",
             "    Passed : BOOL;",
-            f"    Worst : {real};",
+            f"    Worst : {real_type};",
             "END_VAR",
             "VAR",
             *declarations,
@@ -360,7 +360,7 @@ def _block_test(
     program = request.function.program
     precision = request.function.precision
     k, i, difference = variables
-    real = TYPES[precision]
+    real_type = TYPES[precision]
     instance = scope.free(f"{block}_1")
     block_scope = Names([block])
     parameters = [block_scope.free(parameter) for parameter in request.function.parameters]
@@ -373,20 +373,22 @@ def _block_test(
     checks: list[str] = []  # statements that compare the outputs
     assignments: list[str] = []  # of the call
     ports = (*program.inputs, *program.outputs)
-    for number, (parameter, port, values) in enumerate(zip(parameters, ports, (*inputs, *results), strict=True)):
+    port_values = (*inputs, *results)
+    for port_index, (parameter, port, values) in enumerate(zip(parameters, ports, port_values, strict=True)):
         table = scope.free(f"{block}_{parameter}_data")
+        # Only in expressions do negative numbers need parentheses.
         literals = [real_literal(float(x), precision).strip("()") for x in np.ravel(values)]
-        declarations.append(f"    {table} : {_array_type(STATES * port.size, real)} := [")
+        declarations.append(f"    {table} : {_array_type(STATES * port.size, real_type)} := [")
         declarations += _wrap(literals, "];", each=False)
         loop = f"    FOR {i} := 0 TO {port.size - 1} DO"
         entry = f"{table}[{port.size} * {k} + {i}]"
-        if number < input_count:
+        if port_index < input_count:
             array = scope.free(f"{block}_{parameter}")
             assignments.append(f"{parameter} := {array}")
-            declarations.append(f"    {array} : {_array_type(port.size, real)};")
+            declarations.append(f"    {array} : {_array_type(port.size, real_type)};")
             loads += [loop, f"        {array}[{i}] := {entry};", "    END_FOR;"]
             continue
-        allowed_difference = largest_entry(np.asarray(values)) * tolerances[number - input_count]
+        allowed_difference = largest_entry(np.asarray(values)) * tolerances[port_index - input_count]
         allowed = real_literal(allowed_difference, precision)
         checks += [
             loop,

@@ -80,6 +80,8 @@ _MAX_FREEDOM = 1e9
 """Number of degrees of freedom from which the distribution is normal."""
 _MAX_DECIMALS = 6
 """Largest number of decimals of rounded values."""
+_MAX_ROUNDING_ERROR = 1e-6
+"""Distance from a multiple of a decimal place, in this place, up to which a value is rounded to it."""
 MISS_PROBABILITY = 1e-5
 """Probability that the interval of mass or distance misses the true value."""
 NOISE_MISS_PROBABILITY = 1e-3
@@ -98,15 +100,18 @@ def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) ->
     log_ranges = np.log(_USUAL_TOOLS)
     scored_remedies = []  # penalty and text
     for rank, mixup in enumerate(MIXUPS):
+        # Factors of mass, distance and noise ratio:
         factors = np.array([mixup.force, mixup.moment / mixup.force, mixup.force / mixup.moment])
         corrected_bounds = bounds * factors[:, None]
         if _overlap(corrected_bounds, _USUAL_TOOLS).all():
+            _, estimates, _ = corrected_bounds.T
             # Distance of the estimates from the middle of the usual range, in widths of the range.
-            deviations = (np.log(corrected_bounds[:, 1]) - log_ranges.mean(axis=1)) / np.ptp(log_ranges, axis=1)
+            deviations = (np.log(estimates) - log_ranges.mean(axis=1)) / np.ptp(log_ranges, axis=1)
             known_deviations = deviations[np.isfinite(deviations)]
             penalty = float((known_deviations**2).sum()) + _RANK_PENALTY * rank
             scored_remedies.append((penalty, f"{mixup.cause} ({mixup.cure})"))
-    is_impossible = (bounds[:, 0] > _IMPOSSIBLE_TOOLS).any()
+    lower_bounds, _, _ = bounds.T
+    is_impossible = (lower_bounds > _IMPOSSIBLE_TOOLS).any()
     if not scored_remedies and not is_impossible:
         return None
     distance = float(np.linalg.norm(sensor.load.com))
@@ -125,15 +130,17 @@ def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) ->
 
 
 def _overlap(bounds: Array, ranges: Array) -> Array:
-    """Mask (3,) of the quantities whose bounds, lower and upper, overlap a range of tools."""
-    return (bounds[:, 0] <= ranges[:, 1]) & (bounds[:, 2] >= ranges[:, 0])
+    """Mask (3,) of the quantities whose lower and upper bounds overlap a range of tools."""
+    lower_bounds, _, upper_bounds = bounds.T
+    range_begins, range_ends = ranges.T
+    return np.asarray((lower_bounds <= range_ends) & (upper_bounds >= range_begins))
 
 
 def _tool_bounds(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Array:
     """(3, 3): lower bound, estimate and upper bound of mass [kg], distance of the centre of mass [m], noise ratio [1/m]."""
     from scipy import special
 
-    mass = float(result.fit.load[0])
+    mass = float(result.fit.load[0])  # the first parameter of the load
     mass_freedom = float(result.fit.known[result.fit.unknowns.load.start])
     t = float(special.stdtrit(min(mass_freedom, _MAX_FREEDOM), 1 - MISS_PROBABILITY))
     mass_error = t * result.fit.mass_deviation
@@ -159,6 +166,6 @@ def _decimal_place(values: Array) -> float:
         decimal_place = 10.0**-decimals
         multiples = values / decimal_place
         rounding_errors = np.abs(multiples - np.round(multiples))
-        if (rounding_errors < 1e-6).all():
+        if (rounding_errors < _MAX_ROUNDING_ERROR).all():
             return decimal_place
     return 0.0

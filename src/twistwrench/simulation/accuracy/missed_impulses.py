@@ -79,10 +79,10 @@ class ForceCheck:
         self._worst: tuple[Array, tuple[float, Array, Array, Array]] | None = None
         """Largest missed change of velocity (nv,); and its step: time, states before and after, controller torques."""
 
-    def note(self, t: float, y: Array, after: Array) -> None:
+    def note(self, t: float, y: Array, y_after: Array) -> None:
         """Record a step from y at t to the state after it."""
         if self.probes.system.functions:
-            self._keep(np.array([t]), y[None], after[None], self.probes.system.held[None])
+            self._keep(np.array([t]), y[None], y_after[None], self.probes.system.held[None])
 
     def note_block(self, times: Array, states: Array, held: Array) -> None:
         """Record n steps from times (n,), with states (n + 1, size) and controller torques (nv,) or (n, nv)."""
@@ -91,9 +91,9 @@ class ForceCheck:
             torques = np.broadcast_to(held, (len(times), held.shape[-1])).copy()
             self._keep(times, states[:-1], states[1:], torques)
 
-    def _keep(self, times: Array, y: Array, after: Array, held: Array) -> None:
+    def _keep(self, times: Array, y: Array, y_after: Array, controller_torques: Array) -> None:
         """Store m steps; evaluate all that are stored if there are many."""
-        self._blocks.append((times, y, after, held))
+        self._blocks.append((times, y, y_after, controller_torques))
         self._count += len(times)
         if self._count >= MAX_STORED_STEPS:
             self._add_up()
@@ -107,10 +107,10 @@ class ForceCheck:
         if self._worst is None:
             return None
         change, step = self._worst
-        t, _, after, held = step
-        system = self.probes.system.under(held)
+        t, _, y_after, controller_torques = step
+        system = self.probes.system.under(controller_torques)
         try:
-            times = decay_times(system, system.moving, t + self.h, after, change)
+            times = decay_times(system, system.moving, t + self.h, y_after, change)
         except SimulationError:
             times = np.array(np.inf)
         max_times = np.where(extent.rests, end, extent.spans)
@@ -121,8 +121,8 @@ class ForceCheck:
         if self._worst is None:
             return ""
         _, step = self._worst
-        t, y, after, _ = step
-        callback, time = self.probes.furthest(t, self.h, _straight_path(y, after))
+        t, y, y_after, _ = step
+        callback, time = self.probes.furthest(t, self.h, _straight_path(y, y_after))
         return (
             f"{callback} changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all "
             f"about t = {printed(time)} s: take a smaller dt"
@@ -133,37 +133,38 @@ class ForceCheck:
         if not self._count:
             return
         system = self.probes.system
-        t, y, after, held = map(np.concatenate, zip(*self._blocks, strict=True))
+        columns = zip(*self._blocks, strict=True)
+        t, y, y_after, controller_torques = (np.concatenate(parts) for parts in columns)
         self._blocks = []
         self._count = 0
         batches = [slice(k, k + BATCH_SIZE) for k in range(0, len(t), BATCH_SIZE)]
-        impulses = np.concatenate([self._impulses(t[batch], y[batch], after[batch]) for batch in batches])
+        impulses = np.concatenate([self._impulses(t[batch], y[batch], y_after[batch]) for batch in batches])
         rows = np.flatnonzero(impulses.any(axis=1))
         if not len(rows):
             return
         changes = self.probes.change(y[rows, : system.nq], y[rows, system.moving], impulses[rows])
         self._sum += np.abs(changes).sum(axis=0)
         sizes = np.abs(changes).max(axis=1)
-        largest = int(sizes.argmax())
+        largest_row = int(sizes.argmax())
         if self._worst is not None:
             worst_change, _ = self._worst
-            if not sizes[largest] > np.abs(worst_change).max():
+            if not sizes[largest_row] > np.abs(worst_change).max():
                 return
-        k = rows[largest]
-        self._worst = changes[largest], (float(t[k]), y[k], after[k], held[k])
+        k = rows[largest_row]
+        self._worst = changes[largest_row], (float(t[k]), y[k], y_after[k], controller_torques[k])
 
-    def _impulses(self, t: Array, y: Array, after: Array) -> Array:
+    def _impulses(self, t: Array, y: Array, y_after: Array) -> Array:
         """Missed impulses of steps, (n, nv); zero for a step in which a callback fails."""
         try:
-            return self.probes.impulses(t, self.h, _straight_path(y, after))
+            return self.probes.impulses(t, self.h, _straight_path(y, y_after))
         except SimulationError:
             if len(t) == 1:
                 return np.zeros((1, self.probes.system.nv))
             single_rows = [slice(k, k + 1) for k in range(len(t))]  # only some of the steps may fail
-            return np.concatenate([self._impulses(t[row], y[row], after[row]) for row in single_rows])
+            return np.concatenate([self._impulses(t[row], y[row], y_after[row]) for row in single_rows])
 
 
-def _straight_path(y: Array, after: Array) -> Path:
+def _straight_path(y: Array, y_after: Array) -> Path:
     """Linear interpolation between the states before and after steps, (..., size) each."""
-    difference = after - y
+    difference = y_after - y
     return lambda shares: y[..., None, :] + shares[:, None] * difference[..., None, :]

@@ -131,7 +131,8 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
 _AXIS_COLOURS = (style.BLUE, style.VERMILION, style.GREEN)  # x, y, z
 _MAX_DOTS = 40
 """Maximum number of readings drawn as dots; more are drawn as lines."""
-_WIDTH, _HEIGHT = 10.5, 6.2  # of the figure with readings [inch]
+_WIDTH = 10.5  # of the figure with readings [inch]
+_HEIGHT = 6.2  # [inch]
 _LEGEND_SHARE = 0.14
 """Height above the curves for the legend, as a share of the height of the curves."""
 
@@ -176,13 +177,16 @@ def plot_compensation(
             ("force", "f", slice(3, 6), "N", force_noise),
             ("moment", "m", slice(0, 3), "N m", moment_noise),
         )
-        for (before, after), (what, prefix, columns, unit, sigma) in zip(axes, panels, strict=True):
+        for (reading_axis, residual_axis), panel in zip(axes, panels, strict=True):
+            what, prefix, columns, unit, sigma = panel
             names = [f"{prefix}{axis}" for axis in "xyz"]
-            _draw_readings(before, x, log.readings[:, columns], names, marked, mark)
-            _draw_prediction(before, x, predicted[:, columns])
-            style.titles(before, f"{what}s as read")
-            _draw_readings(after, x, residuals[:, columns], names, marked, mark)
-            after.axhspan(-2 * sigma, 2 * sigma, color=style.QUIET, alpha=0.18, linewidth=0, label="noise ± 2 σ")
+            _draw_readings(reading_axis, x, log.readings[:, columns], names, marked, mark)
+            _draw_prediction(reading_axis, x, predicted[:, columns])
+            style.titles(reading_axis, f"{what}s as read")
+            _draw_readings(residual_axis, x, residuals[:, columns], names, marked, mark)
+            residual_axis.axhspan(
+                -2 * sigma, 2 * sigma, color=style.QUIET, alpha=0.18, linewidth=0, label="noise ± 2 σ"
+            )
             remark = ""
             if is_unshaded.any():
                 unshaded_residuals = residuals[is_unshaded][:, columns]
@@ -190,8 +194,8 @@ def plot_compensation(
                 remark = f"rms {number(rms, 2)} {unit}"
                 if marked.any():
                     remark += " in unshaded readings"
-            style.titles(after, f"{what}s without bias and load", remark)
-            for axis in (before, after):
+            style.titles(residual_axis, f"{what}s without bias and load", remark)
+            for axis in (reading_axis, residual_axis):
                 axis.set_ylabel(f"{what} [{unit}]")
                 axis.legend(ncols=5, loc="upper left", bbox_to_anchor=(0.0, 1.0), columnspacing=1.0)
                 low, high = axis.get_ylim()
@@ -203,7 +207,7 @@ def plot_compensation(
         style.save(drawn, path)
 
 
-def _draw_readings(axis: style.Axes, x: Array, values: Array, names: list[str], marked: Array, mark: str) -> None:
+def _draw_readings(axis: style.Axes, x: Array, values: Array, names: list[str], is_marked: Array, mark: str) -> None:
     """Draw the three components of readings (n, 3), and shade the marked ones; ``mark`` is their label in the legend."""
     line_options: dict[str, Any] = {"linewidth": 0.9}
     if len(x) <= _MAX_DOTS:
@@ -213,8 +217,9 @@ def _draw_readings(axis: style.Axes, x: Array, values: Array, names: list[str], 
         axis.plot(x, values[:, k], color=_AXIS_COLOURS[k], label=name, **line_options)
     half_step = 0.5  # between two readings, in units of x
     if len(x) > 1:
-        half_step = 0.5 * float(np.median(np.abs(np.diff(x))))
-    for k, (first, last) in enumerate(runs(marked)):
+        steps = np.abs(np.diff(x))
+        half_step = 0.5 * float(np.median(steps))
+    for k, (first, last) in enumerate(runs(is_marked)):
         label = mark if k == 0 else None  # one entry in the legend
         axis.axvspan(
             x[first] - half_step, x[last] + half_step, color=style.POINTED, alpha=0.13, linewidth=0, label=label

@@ -59,7 +59,7 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     """
     outcome = f"{number(result.times[-1], 6)} s" if result.completed else result.stopped
     if len(outcome) >= _MAX_OUTCOME_LETTERS:
-        outcome = f"{outcome[: _MAX_OUTCOME_LETTERS - 2]}…"
+        outcome = f"{outcome[: _MAX_OUTCOME_LETTERS - 2]}…"  # below the limit with the ellipsis
     title = f"{result.robot} · {result.method} · {outcome}"
     panels = _coordinates_by_panel(result)
     heights = [_PANEL_HEIGHT] * len(panels) + [_PANEL_HEIGHT, _DRIFT_HEIGHT]
@@ -90,7 +90,7 @@ def _coordinates_by_panel(result: SimulationResult) -> dict[str, list[int]]:
 
 
 def _draw_coordinates(axis: style.Axes, result: SimulationResult, panel: str, indices: list[int]) -> None:
-    """Draw the coordinates with these indices, which have one unit; those that move most have colours."""
+    """Draw the coordinates with these indices, all in one unit; the coordinates that move most have colours."""
     q = result.q[:, indices]
     names = [result.coordinate_names[k] for k in indices]
     velocity_indices = []  # numbers of the colours; a quaternion has one velocity less
@@ -161,18 +161,18 @@ def plot_trajectory(
     """
     robot = trajectory.robot
     names = robot.model.velocity_names
-    fast = trajectory if isinstance(trajectory, Fastest) else None
+    fastest = trajectory if isinstance(trajectory, Fastest) else None
     figure_size = (7.5, 5.6)  # [inch]
     ratios = [1.0, 1.0]  # heights of velocities and torques
-    if fast is not None:
+    if fastest is not None:
         figure_size = (11.25, 6.3)  # [inch], with the phase plane at the right
-        friction = fast.rows.friction
-        if fast.time_optimal is None:
+        friction = fastest.rows.friction
+        if fastest.time_optimal is None:
             ratios.append(0.28)  # strip of active limits
         else:
             ratios.append(1.0)  # panel of jerks
         if bounds is None:
-            bounds = fast.bounds
+            bounds = fastest.bounds
     bounds = bounds_or_own(robot, bounds)
     t = np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
@@ -181,20 +181,22 @@ def plot_trajectory(
     title = f"{robot.name} · {trajectory.path.name} · {trajectory.scaling.name} timing, {number(trajectory.duration)} s"
     with style.figure(*figure_size, title) as drawn:
         left_figure = cast("Any", drawn)
-        if fast is not None:
-            subfigures = drawn.subfigures(1, 2, width_ratios=[1.25, 1])
-            left_figure, right_figure = cast("Any", subfigures)
+        if fastest is not None:
+            subfigures = drawn.subfigures(1, 2, width_ratios=[1.25, 1])  # the time axes are wider
+            left_figure, right_figure = cast("Any", subfigures)  # time, phase plane
         axes = left_figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
-        curves(axes[0], t, dq, bounds.velocity, names, "velocity")
-        curves(axes[1], t, tau, bounds.effort, robot.model.drive_names, "torque")
-        if fast is not None:
-            if fast.time_optimal is None:
-                _draw_active_limits(axes[2], fast, names)
+        velocity_axis, torque_axis, *_ = axes
+        lowest_axis = axes[-1]
+        curves(velocity_axis, t, dq, bounds.velocity, names, "velocity")
+        curves(torque_axis, t, tau, bounds.effort, robot.model.drive_names, "torque")
+        if fastest is not None:
+            if fastest.time_optimal is None:
+                _draw_active_limits(lowest_axis, fastest, names)
             else:
-                curves(axes[2], t, fast.jerk(t), fast.bounds.jerk, names, "jerk")
-            _draw_phase_plane(right_figure.subplots(), fast, names)
-        axes[-1].set_xlabel("time [s]")
-        legend(axes[0])
+                curves(lowest_axis, t, fastest.jerk(t), fastest.bounds.jerk, names, "jerk")
+            _draw_phase_plane(right_figure.subplots(), fastest, names)
+        lowest_axis.set_xlabel("time [s]")
+        legend(velocity_axis)
         return style.save(drawn, path)
 
 
@@ -202,9 +204,9 @@ _TIME_PER_LETTER = 0.013
 """Share of the duration that each letter of a label on the strip needs."""
 
 
-def _draw_active_limits(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+def _draw_active_limits(axis: style.Axes, fastest: Fastest, names: tuple[str, ...]) -> None:
     """Draw a strip of the limits that the motion is at, in the colours of their joints."""
-    for contact in fast.limit_contacts:
+    for contact in fastest.limit_contacts:
         k = names.index(contact.joint)
         colour = style.SERIES[k % len(style.SERIES)]
         options: dict[str, Any] = {"color": colour, "edgecolor": style.PAPER, "linewidth": 0}
@@ -212,7 +214,7 @@ def _draw_active_limits(axis: style.Axes, fast: Fastest, names: tuple[str, ...])
             options["hatch"] = "///"
         axis.barh(0, contact.end - contact.begin, left=contact.begin, height=0.8, **options)
         label = contact.joint.removesuffix("_joint")
-        max_letters = (contact.end - contact.begin) / fast.duration / _TIME_PER_LETTER
+        max_letters = (contact.end - contact.begin) / fastest.duration / _TIME_PER_LETTER
         if len(label) > max_letters:
             label = label.replace("_", "\n", 1)
         longest_line = max(label.split("\n"), key=len)
@@ -226,14 +228,14 @@ def _draw_active_limits(axis: style.Axes, fast: Fastest, names: tuple[str, ...])
     axis.grid(visible=False)
     caption = "active limits: torques plain, velocities hatched (dotted beside)"
     axis.set_title(caption, loc="left", color=style.QUIET, fontsize=style.SMALL_FONT)
-    axis.set_xlim(0, fast.duration)
+    axis.set_xlim(0, fastest.duration)
 
 
-def _draw_phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+def _draw_phase_plane(axis: style.Axes, fastest: Fastest, names: tuple[str, ...]) -> None:
     """Draw the rate along the path over the path, under the limit curves of torques and velocities."""
-    limits = fast.limit_curves()
+    limits = fastest.limit_curves()
     s, rate = limits.path
-    time_optimal = fast if fast.time_optimal is None else fast.time_optimal
+    time_optimal = fastest if fastest.time_optimal is None else fastest.time_optimal
     fastest_s, fastest_rate = time_optimal.limit_curves().path
     top_rate = 1.9 * float(fastest_rate.max())  # of the axis: limit curves above the motion are seen
     far_above = 10 * top_rate  # in place of infinite limits
@@ -247,24 +249,24 @@ def _draw_phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -
         axis.plot(limits.s, torque_limit, "-", color=style.OVER, linewidth=1.2, label=label)
     if np.isfinite(limits.velocity).any():
         axis.plot(limits.s, velocity_limit, "--", color=style.QUIET, linewidth=1.2, label="largest joint velocity")
-    if fast.time_optimal is not None:
+    if fastest.time_optimal is not None:
         axis.plot(s, rate, color=style.LINE, linewidth=2.0, label="motion within the limits of jerk")
         axis.plot(fastest_s, fastest_rate, ":", color=style.LINE, label="fastest without them")
     else:
-        _draw_rate_by_joint(axis, fast, names)
+        _draw_rate_by_joint(axis, fastest, names)
     style.titles(axis, "phase plane")
     axis.set(xlim=(0, 1), ylim=(0, top_rate), xlabel="s, along the path", ylabel="ds/dt [1/s]")
     axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none")
 
 
-def _draw_rate_by_joint(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+def _draw_rate_by_joint(axis: style.Axes, fastest: Fastest, names: tuple[str, ...]) -> None:
     """Draw the rate of a time-optimal motion, each part in the colour of the limiting joint."""
-    limits = fast.limit_curves()
+    limits = fastest.limit_curves()
     s, rate = limits.path
     axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by limiting joint")
-    next_begins = [contact.s for contact in fast.limit_contacts[1:]]
+    next_begins = [contact.s for contact in fastest.limit_contacts[1:]]
     ends = [*next_begins, 1.0]  # the last one ends with the path
-    for contact, end in zip(fast.limit_contacts, ends, strict=True):
+    for contact, end in zip(fastest.limit_contacts, ends, strict=True):
         part = (s >= contact.s) & (s <= end)  # mask of samples
         k = names.index(contact.joint)
         colour = style.SERIES[k % len(style.SERIES)]
