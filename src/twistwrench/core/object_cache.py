@@ -40,6 +40,8 @@ _OWN_NAMES = re.compile(r"[0-9a-f]{64}|\.new-\w+")
 
 _BINARY = getattr(os, "O_BINARY", 0)
 """Flag of Windows for files without conversion of line ends."""
+_READING_FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY
+"""Flags for reading an entry: no links, and no waiting for the other end of a pipe."""
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 """Mode bits of write access for the group and for all."""
 _NOT_A_FILE = (errno.EINVAL, errno.ELOOP, errno.EMLINK, errno.ENXIO)
@@ -70,7 +72,7 @@ def folder() -> Path | None:
                 "or off."
             )
         return None
-    if hasattr(os, "getuid"):  # code is executed from here: only this user may write it
+    if hasattr(os, "getuid"):  # not on Windows. Code is executed from here: only this user may write it
         for parent in place.resolve().parents:
             if not _is_safe_parent(parent.stat()):
                 _warn_once(f"others can rename what is in {parent}. Set {VARIABLE} to a folder of your own, or to off.")
@@ -91,9 +93,9 @@ def folder() -> Path | None:
 
 def _is_safe_parent(status: os.stat_result) -> bool:
     """True if only this user and the system can rename entries of a folder with this status."""
-    if status.st_uid not in (0, os.getuid()):
+    if status.st_uid not in (0, os.getuid()):  # 0 is root, the system
         return False
-    if status.st_mode & stat.S_ISVTX:  # the sticky bit, as of /tmp: only its owner renames an entry
+    if status.st_mode & stat.S_ISVTX:  # the sticky bit, as of /tmp: an entry is renamed by the entry's owner only
         return True
     if status.st_mode & stat.S_IWOTH:
         return False
@@ -136,13 +138,14 @@ def load(key: str, place: Path | None = None) -> bytes | None:
         return None
     entry = place / key
     try:
-        raw = _bytes_of(entry)
+        raw = _bytes_of(entry)  # magic, checksum, code
     except OSError as problem:
         if problem.errno in _NOT_A_FILE:
             _remove_entry(entry)
         return None
     after_magic = raw[len(MAGIC) :]
-    checksum, code = after_magic[:_CHECKSUM_SIZE], after_magic[_CHECKSUM_SIZE:]
+    checksum = after_magic[:_CHECKSUM_SIZE]
+    code = after_magic[_CHECKSUM_SIZE:]
     if raw.startswith(MAGIC) and digest(key, code) == checksum:
         return code
     _remove_entry(entry)
@@ -151,9 +154,11 @@ def load(key: str, place: Path | None = None) -> bytes | None:
 
 def _bytes_of(entry: Path) -> bytes:
     """Bytes of an entry. Raises OSError unless it is a regular file of this user alone, and not too large for code."""
-    handle = os.open(entry, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY)
+    handle = os.open(entry, _READING_FLAGS)
     status = os.fstat(handle)
-    others_can_write = hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & _WRITABLE_BY_OTHERS)
+    others_can_write = False  # Windows has no such modes
+    if hasattr(os, "getuid"):
+        others_can_write = status.st_uid != os.getuid() or bool(status.st_mode & _WRITABLE_BY_OTHERS)
     if not stat.S_ISREG(status.st_mode) or status.st_size > MOST_BYTES or others_can_write:
         os.close(handle)
         raise OSError(errno.EINVAL, "no entry of the cache", str(entry))
