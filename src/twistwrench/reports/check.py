@@ -204,7 +204,8 @@ def check(
     loads = {"payloads": payloads_of(payload), "wrenches": _wrench_arrays(wrench_on_robot), "friction": friction}
     case, log = question.case(robot, log, loads)
     used_limits = limits_file.limits_of(limits, case.robot.model, degrees=degrees)
-    steps = Steps(progress, (_SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION, 1.0))
+    plan_duration = _SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION
+    steps = Steps(progress, (plan_duration, 1.0))
     differentiation = Differentiation.plan(log, case.robot.model, smoothing=smooth, progress=steps.next())
     refuse_unused_srdf(clearance, srdf)
     report = analyse(with_limits(case, used_limits), differentiation, used_limits, progress=steps.next())
@@ -231,11 +232,13 @@ def robot_of(
 ) -> tuple[Robot, str]:
     """Robot with its drives and locked joints, and the name by which files are bundled with it."""
     if isinstance(given, Robot):
-        robot, name = given, given.name
+        robot = given
+        name = given.name
     elif actuators is None:
         return load(given, lock=lock), str(given)
-    else:
-        robot, name = load(given), str(given)
+    else:  # locked below, since actuators may name joints that are locked
+        robot = load(given)
+        name = str(given)
     if actuators is not None:
         robot = _driven_robot(robot, name, actuators)
     if lock is not None:

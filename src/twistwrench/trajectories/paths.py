@@ -294,8 +294,8 @@ def follow_poses(
             s_at_worst = float(s_at_middles[k])
             raise PathError(
                 f"between {interval_count // 2} places the frame is still {printed(deviation, 3)} off at s = "
-                f"{printed(s_at_worst, 4)}: the path bends there, or the arm is near a singular configuration. Round the path off, or allow more with "
-                "tolerance=.",
+                f"{printed(s_at_worst, 4)}: the path bends there, or the arm is near a singular configuration. Round "
+                "the path off, or allow more with tolerance=.",
                 reached=s_at_worst,
                 partial=_spline(s, q, deviation),
             )
