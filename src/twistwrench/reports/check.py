@@ -204,8 +204,7 @@ def check(
     loads = {"payloads": payloads_of(payload), "wrenches": _wrench_arrays(wrench_on_robot), "friction": friction}
     case, log = question.case(robot, log, loads)
     used_limits = limits_file.limits_of(limits, case.robot.model, degrees=degrees)
-    plan_duration = _SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION
-    steps = Steps(progress, (plan_duration, 1.0))
+    steps = Steps(progress, (_SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION, 1.0))
     differentiation = Differentiation.plan(log, case.robot.model, smoothing=smooth, progress=steps.next())
     refuse_unused_srdf(clearance, srdf)
     report = analyse(with_limits(case, used_limits), differentiation, used_limits, progress=steps.next())

@@ -117,8 +117,7 @@ def spline(
         knots[-1] = 1.0  # without rounding
         if not (np.diff(knots) > 0).all():  # also if a distance is infinite
             k = int(distances.argmin())
-            distance = float(distances[k])
-            length = float(distances.sum())
+            distance, length = float(distances[k]), float(distances.sum())
             raise ValueRangeError(
                 f"waypoints {k} and {k + 1} are {printed(distance)} apart on a path of length {printed(length)}, too close for "
                 "its digits. Give waypoints within the robot's range, and leave one of the two out."
@@ -144,8 +143,7 @@ def spline(
             rates = arguments.finite(velocities, "velocities", robot.nv, names=robot.model.velocity_names)
             rates = arguments.one(rates, "velocities", len(points), robot.nv)
             curve = CubicHermiteSpline(knots, points, rates * T)  # dq/ds = dq/dt T
-    dq_ds = curve.derivative(1)
-    d2q_ds2 = curve.derivative(2)
+    dq_ds, d2q_ds2 = curve.derivative(1), curve.derivative(2)
     return JointPath("spline", lambda s: (curve(s), dq_ds(s), d2q_ds2(s)), knots, third=curve.derivative(3))
 
 

@@ -245,15 +245,13 @@ def _write_body(
     ``piece`` is the size of a store that bypasses the caches [bytes], 0 if none does.
     """
     samples, bases, strides = call_arrays(w, ports)
-    allocation = ""  # pointer to free; empty if the buffers are on the stack
-    label = "entry"
+    label, allocation = "entry", ""  # current label; pointer to free, empty if the buffers are on the stack
     if is_large:
         results = [(bases[k], ports[k].shape, strides[k]) for k in range(inputs, len(ports))]
         sizes = [*buffer_sizes(w, ports), frame]
-        allocation, label, buffers_and_frame = allocate(w, sizes, samples, results)
+        allocation, label, (*buffers, frame_pointer) = allocate(w, sizes, samples, results)
     else:
-        buffers_and_frame = _buffers_on_stack(w, ports, frame)
-    *buffers, frame_pointer = buffers_and_frame
+        *buffers, frame_pointer = _buffers_on_stack(w, ports, frame)
     frame_argument: list[str] = []  # the frame, if there is one, is the last argument of blocks
     if frame:
         frame_argument = [frame_pointer]
