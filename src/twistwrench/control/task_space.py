@@ -112,7 +112,7 @@ class TaskLaw:
     rows: Rows = field(default=None, kw_only=True)
     """Selected rows, such as ``"vx vz"``; None: all six."""
     posture: Reference | None = field(default=None, kw_only=True)
-    """Reference as for :class:`JointLaw`; None: no preferred posture, free motions are only damped."""
+    """Reference of the joints, as for :class:`JointLaw`; None: motions that the task leaves free are only damped."""
     posture_kp: ArrayLike = field(default=25.0, kw_only=True)
     """Posture gain [1/s²]."""
     posture_kd: ArrayLike = field(default=10.0, kw_only=True)

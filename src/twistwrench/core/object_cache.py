@@ -57,12 +57,12 @@ def folder() -> Path | None:
     if users_choice.lower() == "off":
         return None
     try:
-        place = Path(users_choice).expanduser() if users_choice else _default_folder()
-        if not place.exists():
-            missing_folders = [path for path in (place, *place.parents) if not path.exists()]
+        cache_folder = Path(users_choice).expanduser() if users_choice else _default_folder()
+        if not cache_folder.exists():
+            missing_folders = [path for path in (cache_folder, *cache_folder.parents) if not path.exists()]
             for missing_folder in reversed(missing_folders):  # parents first
                 missing_folder.mkdir(mode=0o700, exist_ok=True)  # mkdir(parents=True) would ignore the parents' mode
-        status = place.stat()
+        status = cache_folder.stat()
         if not stat.S_ISDIR(status.st_mode):
             raise NotADirectoryError(errno.ENOTDIR, "it is not a folder")
     except (OSError, RuntimeError) as problem:  # RuntimeError: the user of ~ has no home
@@ -73,22 +73,23 @@ def folder() -> Path | None:
             )
         return None
     if hasattr(os, "getuid"):  # not on Windows. Code is executed from here: only this user may write it
-        for parent in place.resolve().parents:
+        for parent in cache_folder.resolve().parents:
             if not _is_safe_parent(parent.stat()):
                 _warn_once(f"others can rename what is in {parent}. Set {VARIABLE} to a folder of your own, or to off.")
                 return None
         if status.st_uid != os.getuid():
             _warn_once(
-                f"{place} belongs to another user (uid {status.st_uid}). Set {VARIABLE} to a folder of your own, or to off."
+                f"{cache_folder} belongs to another user (uid {status.st_uid}). Set {VARIABLE} to a folder of your own, or to "
+                "off."
             )
             return None
         if status.st_mode & _WRITABLE_BY_OTHERS:
             mode = f"mode {stat.S_IMODE(status.st_mode):o}"
             _warn_once(
-                f"others can write to {place} ({mode}). Run chmod go-w on it, or set {VARIABLE} to another folder."
+                f"others can write to {cache_folder} ({mode}). Run chmod go-w on it, or set {VARIABLE} to another folder."
             )
             return None
-    return place
+    return cache_folder
 
 
 def _is_safe_parent(status: os.stat_result) -> bool:
@@ -131,12 +132,12 @@ def _warn_once(text: str) -> None:
         warnings.warn(f"Compiled code is not kept: {text}", CacheWarning, stacklevel=2)
 
 
-def load(key: str, place: Path | None = None) -> bytes | None:
-    """Code stored under ``key``; None if there is none. A damaged entry is removed. ``place`` is the folder, if known."""
-    place = place or folder()
-    if place is None:
+def load(key: str, cache_folder: Path | None = None) -> bytes | None:
+    """Code stored under ``key``; None if there is none. A damaged entry is removed. ``cache_folder`` may be given if known."""
+    cache_folder = cache_folder or folder()
+    if cache_folder is None:
         return None
-    entry = place / key
+    entry = cache_folder / key
     try:
         raw = _bytes_of(entry)  # magic, checksum, code
     except OSError as problem:
@@ -177,31 +178,31 @@ def _remove_entry(entry: Path) -> None:
 
 def store(key: str, code: bytes) -> None:
     """Store ``code`` under ``key``; written to a temporary name and renamed, so that readers never see a partial file."""
-    place = folder()
-    if place is None:
+    cache_folder = folder()
+    if cache_folder is None:
         return
     import tempfile
 
     temporary_path = None  # of a file that is not yet renamed
     try:
-        handle, temporary_path = tempfile.mkstemp(dir=place, prefix=".new-")
+        handle, temporary_path = tempfile.mkstemp(dir=cache_folder, prefix=".new-")
         with os.fdopen(handle, "wb") as file:
             file.write(MAGIC + digest(key, code) + code)
-        Path(temporary_path).replace(place / key)
+        Path(temporary_path).replace(cache_folder / key)
         temporary_path = None
-        _prune(place)
+        _prune(cache_folder)
     except OSError as problem:
         if os.environ.get(VARIABLE):  # the user has chosen the folder
-            _warn_once(f"{place}: {problem.strerror or problem}. Set {VARIABLE} to another folder, or to off.")
+            _warn_once(f"{cache_folder}: {problem.strerror or problem}. Set {VARIABLE} to another folder, or to off.")
     finally:
         if temporary_path is not None:
             with suppress(OSError):
                 Path(temporary_path).unlink()
 
 
-def _prune(place: Path) -> None:
+def _prune(cache_folder: Path) -> None:
     """If there are too many entries, remove the oldest: a quarter of the maximum number."""
-    paths = list(place.iterdir())
+    paths = list(cache_folder.iterdir())
     if len(paths) <= MOST_ENTRIES:  # the usual case, without a look at the files
         return
     entries = [path for path in paths if _OWN_NAMES.fullmatch(path.name) and path.is_file()]

@@ -104,9 +104,9 @@ class PlacedRobot:
         match = _PART_PATTERN.fullmatch(text)
         if match is None:
             raise ValueRangeError(f"the part {text!r} is not {_FORM_OF_PART}.")
-        file, frame, pose_text, prefix = match.group("file", "frame", "pose", "prefix")  # None for missing ones
+        file, frame, pose_text, prefix = match.group("file", "frame", "pose", "prefix")  # None if missing
         is_robot = Path(file).is_file() or file in known_robots()
-        if not is_robot and prefix is not None:
+        if not is_robot and prefix is not None:  # what follows the colon may be part of the path
             path_with_colon = f"{file}:{prefix}"
             if Path(path_with_colon).exists():
                 file = path_with_colon
@@ -381,7 +381,7 @@ def _tips_beside(model: Model, tip: str) -> list[str]:
 
 
 def _pose(text: str, part: str, *, degrees: bool) -> Array:
-    """Pose (4, 4) of the text x,y,z,roll,pitch,yaw or x,y,z. ``part`` is the text of the part, for messages."""
+    """Pose (4, 4) of the text x,y,z,roll,pitch,yaw, or x,y,z without rotation; ``part`` names the part in messages."""
     number_texts = text.split(",")
     if len(number_texts) not in (3, 6):
         raise ValueRangeError(
@@ -406,7 +406,7 @@ def _angle(text: str, part: str, unit: float) -> float:
 
 
 def _number(text: str, part: str) -> float:
-    """Number of a text. ``part`` is the text of the part, for messages."""
+    """Number of a text; ``part`` names the part in messages."""
     value, *_ = arguments.parse_numbers(text.strip(), f"a number of the part {part!r},", "one number", 1)
     return value
 

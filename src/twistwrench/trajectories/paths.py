@@ -27,7 +27,7 @@ class JointPath:
     """Joint path q(s) with dq/ds and d²q/ds², from :func:`joint_line`, :func:`spline` or :func:`follow_poses`."""
 
     name: str
-    """Description as text."""
+    """Kind of the path, such as ``spline``."""
     coordinates: Callable[[Array], tuple[Array, Array, Array]]
     """Function that returns q, dq/ds and d²q/ds² at s (m,), (m, n) each."""
     knots: Array = field(default_factory=lambda: np.array([0.0, 1.0]))

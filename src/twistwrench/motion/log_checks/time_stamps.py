@@ -134,7 +134,8 @@ def steady_times(stamps: Array) -> Array | None:
         # Straight line by least squares; rows are counted from the middle, so that its value there is the mean.
         rows_from_middle = np.arange(end - begin) - 0.5 * (end - begin - 1)
         mean_stamp = float(own_stamps.mean())
-        time_step = float(rows_from_middle @ (own_stamps - mean_stamp)) / float(rows_from_middle @ rows_from_middle)
+        sum_of_products = float(rows_from_middle @ (own_stamps - mean_stamp))
+        time_step = sum_of_products / float(rows_from_middle @ rows_from_middle)
         times[begin:end] = mean_stamp + time_step * rows_from_middle
         if np.abs(times[begin:end] - own_stamps).max() > _MAX_ROUNDING * grid:
             return None

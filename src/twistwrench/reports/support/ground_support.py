@@ -78,7 +78,7 @@ class GroundSupport(Support):
         return _support_of_states(self.case, s, contacts, in_contact)
 
     def failing_motions(self, s: MotionSamples, rows: Array) -> tuple[Array, Array]:
-        """Motions (k, nv) that prove that some states fail, and their power; friction is unlimited unless it is given."""
+        """Motions (k, nv) that prove that the states ``rows`` fail, and their power; friction is unlimited unless given."""
         if self.ground.given:
             return self.motion[rows], self.power[rows]
         unlimited = self.again(s, self.ground.unlimited_contacts, self.in_contact[rows])
@@ -132,7 +132,7 @@ def ground_support(load: StandingCase, motion: Motion) -> GroundSupport:
     """Support along the states of a motion, computed in batches."""
     batches, in_contact_of_batches, base_forces = [], [], []
     is_strained = False
-    force_indices = _floating_base_indices(load.robot)[3:]  # after the moments
+    force_indices = _floating_base_indices(load.robot)[3:]  # in τ, after the moments
     for start in range(0, len(motion), _STATES_PER_BATCH):
         s = samples(motion, slice(start, start + _STATES_PER_BATCH))
         in_contact_of_batch = load.ground.carrying(load.robot, s)

@@ -88,7 +88,8 @@ def ground_doubt(load: StandingCase, motion: Motion, in_contact: Array, failing:
         if ground.schedule is None:
             is_slow = np.linalg.norm(velocities, axis=-1) < MAX_CARRYING_SPEED
             is_compared |= is_slow & ground.on_ground & compares_resting_feet[:, None]
-        for k in np.flatnonzero(carries.any(axis=1) | compares_resting_feet):
+        has_heights = carries.any(axis=1) | compares_resting_feet
+        for k in np.flatnonzero(has_heights):
             spread, plane_normal = _height_difference(points[k], is_compared[k], ground.normal)
             has_resting_feet = carries[k].sum() != is_compared[k].sum()
             may_be_lifted_foot = plane_normal is None and has_resting_feet
