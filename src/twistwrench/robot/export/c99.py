@@ -131,7 +131,7 @@ def export_c(
     for ending, file in path_by_ending.items():
         if ending != ".c":
             paths_by_label[f"{label} (its {ending})"] = file
-    protected_files = {"the robot": file_of(robot), **(inputs or {})}
+    protected_files: dict[str, str | Path | None] = {"the robot": file_of(robot), **(inputs or {})}
     check_outputs(paths_by_label, protected_files)  # raises ValueRangeError
     exports = requests(robot, quantities, precision, prefix)
     stem = source_path.stem
