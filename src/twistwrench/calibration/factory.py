@@ -91,24 +91,25 @@ def factory(robot: Robot, path: str | Path) -> Robot:
     True
     """
     chain = TipChain.from_robot(robot)
-    file = as_path(path)
+    calibration_path = as_path(path)
     if len(chain.joints) != _JOINT_COUNT or not all(chain.turning):
         raise ModelError(
             f"robot {robot.name!r} has not the six turning joints of a UR, so its factory calibration means nothing."
         )
     nominal_frames, d, a = _nominal_table(chain)
-    if file.suffix.lower() in (".yaml", ".yml"):
-        placements = _joint_placements(file)
-        nominal_frames[_JOINT_COUNT] = _flange_frame(chain, nominal_frames, placements[-1])
+    if calibration_path.suffix.lower() in (".yaml", ".yml"):
+        placements = _joint_placements(calibration_path)
+        nominal_frames[_JOINT_COUNT] = _flange_frame(chain, nominal_frames, placements[-1])  # after the last joint
         frames = _frames_of_placements(nominal_frames[0], placements)
     else:  # calibration.conf
-        delta_theta, delta_d, delta_a, delta_alpha = _table_corrections(file)
+        delta_theta, delta_d, delta_a, delta_alpha = _table_corrections(calibration_path)
         frames = _frames_of_table(nominal_frames[0], delta_theta, d + delta_d, a + delta_a, _ALPHA + delta_alpha)
-    max_shift = max(_axis_shift(before, after) for before, after in zip(nominal_frames, frames, strict=True))
+    axis_shifts = [_axis_shift(nominal, frame) for nominal, frame in zip(nominal_frames, frames, strict=True)]
+    max_shift = max(axis_shifts)
     if max_shift > _MAX_AXIS_SHIFT:
         raise ModelError(
-            f"{file}: the corrections move an axis of {robot.name!r} by {number(1e3 * max_shift, 3)} mm; some mm are usual. "
-            "Were they made for another model? Load that one."
+            f"{calibration_path}: the corrections move an axis of {robot.name!r} by {number(1e3 * max_shift, 3)} mm; some mm "
+            "are usual. Were they made for another model? Load that one."
         )
     return _with_frames(chain, nominal_frames, frames)
 
@@ -164,7 +165,7 @@ class FactoryCalibration(Answer):
 
     @cached_property
     def displacement(self) -> float:
-        """Displacement of the frame [m], root mean square over 500 configurations."""
+        """Displacement of the frame [m], root mean square over 500 random configurations."""
         q = self.original.random_configuration(0, _CONFIGURATION_COUNT)
         poses = np.asarray(self.original.forward_kinematics(q, frame=self.frame))
         calibrated_poses = np.asarray(self.robot.forward_kinematics(q, frame=self.frame))
@@ -226,12 +227,16 @@ class FactoryCalibration(Answer):
 
 def _nominal_table(chain: TipChain) -> tuple[list[Array], Array, Array]:
     """Frames before each joint and after the last, and d and a (6,) of the nominal table, from the robot's own axes."""
-    S = np.array([np.asarray(Ad(T).matrix) @ s for T, s in zip(_link_frames(chain), chain.screws, strict=True)])
+    screws = [np.asarray(Ad(T).matrix) @ s for T, s in zip(_link_frames(chain), chain.screws, strict=True)]
+    S = np.array(screws)  # screw axes in the base, (6, 6)
     axis_points = np.cross(S[:, :3], S[:, 3:])  # of each axis, nearest to the base's origin
-    z, minus_y = S[0, :3], S[1, :3]  # of the table's first frame: directions of the first two axes
+    # The table's first frame X: z is the direction of the first axis, -y of the second.
+    z = S[0, :3]
+    minus_y = S[1, :3]
     R = np.column_stack([np.cross(-minus_y, z), -minus_y, z])
     X = np.asarray(se3.pose(R, axis_points[0] - z * (z @ axis_points[0])))
-    p = (axis_points - X[:3, 3]) @ R  # in the table's first frame
+    p = (axis_points - X[:3, 3]) @ R  # points of the axes in the table's first frame
+    # a_2 and a_3 are distances of successive axes along x; d_1, d_4 and d_5 are distances along z, -y and -z.
     a = np.array([0.0, p[2, 0] - p[1, 0], p[3, 0] - p[2, 0], 0.0, 0.0, 0.0])
     d = np.array([p[1, 2], 0.0, 0.0, -p[4, 1], p[3, 2] - p[5, 2], 0.0])
     frames = _frames_of_table(X, np.zeros(_JOINT_COUNT), d, a, _ALPHA)
@@ -269,9 +274,10 @@ def _frames_of_table(X: Array, theta: Array, d: Array, a: Array, alpha: Array) -
 
 
 def _frames_of_placements(base: Array, placements: list[Array]) -> list[Array]:
-    """Frames of the joints from their placements, the first in ``base``; the last frame is repeated as that after the last.
+    """Frames of the joints from their placements, and after them the last frame again, as the frame after the last joint.
 
-    Without corrections the placements are Tx(a) Rx(α) Rz(θ) Tz(d) of the table, with the distance d_6 of the flange.
+    The first placement is a pose in ``base``. Without corrections the placements are Tx(a) Rx(α) Rz(θ) Tz(d) of the table,
+    with the distance d_6 of the flange.
     """
     frames = [base @ placements[0]]
     for P in placements[1:]:
@@ -319,18 +325,19 @@ def _with_frames(chain: TipChain, old_frames: Sequence[Array], new_frames: Seque
             new_axis = -new_axis
         cross = np.cross(old_axis, new_axis)
         sine = float(np.linalg.norm(cross))
-        rotation = np.eye(3)  # the smallest one that turns the old axis to the new one
+        smallest_rotation = np.eye(3)  # of all that turn the old axis to the new one
         if sine > 0:
             angle = np.arctan2(sine, old_axis @ new_axis)
-            rotation = so3.exp(cross / sine * angle)
-        nearest_point = new_point + new_axis * (new_axis @ (p - new_point))  # of the new axis
-        moved_frames.append(np.asarray(se3.pose(rotation @ R, nearest_point)))
+            smallest_rotation = so3.exp(cross / sine * angle)
+        point_on_axis = new_point + new_axis * (new_axis @ (p - new_point))  # point of the new axis nearest to p
+        moved_frames.append(np.asarray(se3.pose(smallest_rotation @ R, point_on_axis)))
     motion_of_last_frame = new_frames[_JOINT_COUNT] @ np.asarray(se3.inverse(old_frames[_JOINT_COUNT]))
     tip = motion_of_last_frame @ link_frames[-1] @ chain.start.tip
     model = chain.robot.model
     bodies = list(model.bodies)
-    for i, before, after in zip(chain.bodies, moved_frames[:-1], moved_frames[1:], strict=True):
-        bodies[i] = replace(bodies[i], placement=np.asarray(se3.inverse(before)) @ after)
+    for body_index, parent_frame, own_frame in zip(chain.bodies, moved_frames[:-1], moved_frames[1:], strict=True):
+        placement = np.asarray(se3.inverse(parent_frame)) @ own_frame
+        bodies[body_index] = replace(bodies[body_index], placement=placement)
     named_frames = dict(model.frames)
     if chain.frame != bodies[chain.bodies[-1]].link:  # the frame of the moving link itself stays on its joint
         tip_in_link = np.asarray(se3.inverse(moved_frames[-1])) @ tip
@@ -373,7 +380,12 @@ def _joint_placements(path: Path) -> list[Array]:
             f"{path}: is not a kinematics file of a UR ({str(problem).splitlines()[0]}). "
             f"It has x, y, z, roll, pitch and yaw of {', '.join(_LINK_NAMES)} below kinematics."
         ) from None
-    return [np.asarray(se3.pose(rotation_of_rpy(entry[3:]), np.array(entry[:3]))) for entry in entries]
+    placements = list[Array]()
+    for entry in entries:
+        position = np.array(entry[:3])
+        rotation = rotation_of_rpy(entry[3:])
+        placements.append(np.asarray(se3.pose(rotation, position)))
+    return placements
 
 
 def _position_and_angles(entry: Section) -> list[float]:

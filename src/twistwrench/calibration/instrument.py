@@ -60,19 +60,21 @@ class Offered(NamedTuple):
 def instrument_doubts(found: CalibratedRobot) -> list[Offered]:
     """Scale error of all readings or offset of distances, whichever is larger in its standard deviations; otherwise notes."""
     measured = found.fit.problem.measured
-    candidates = list[tuple[float, Offered]]()  # with the size in standard deviations
+    candidates = list[tuple[float, Offered]]()  # size in standard deviations, cause
     if all(measurement.kind in LENGTHS_MEASURED for measurement in measured):
         candidates += _scale_error(found)
     notes = list[Offered]()
     for index, measurement in enumerate(measured):
         if measurement.kind not in ("distance", "pair"):
             continue
-        columns = [np.full(W.shape, float(k == index)) for k, W in enumerate(found.fit.weights)]
+        columns = [
+            np.full(W.shape, float(k == index)) for k, W in enumerate(found.fit.weights)
+        ]  # 1 for its own readings
         offset = _instrument_error(found, columns)
         length_deviation, _ = found.fit.deviations[index]
         candidates += _offset_error(offset, length_deviation)
         if offset.unspanned_share < _MIN_UNSPANNED_SHARE:
-            notes.append(Offered(1.0, doubt("calibration-offset-unseen")))
+            notes.append(Offered(1.0, doubt("calibration-offset-unseen")))  # explains nothing of the residual
     if candidates:
         _, largest = max(candidates, key=lambda candidate: candidate[0])
         return [largest]
@@ -80,7 +82,7 @@ def instrument_doubts(found: CalibratedRobot) -> list[Offered]:
 
 
 def _scale_error(found: CalibratedRobot) -> Iterator[tuple[float, Offered]]:
-    """Scale error of the readings against the file's lengths, as size in standard deviations and cause; nothing if small."""
+    """Size in standard deviations and cause of a scale error of the readings against the file's lengths; nothing if small."""
     columns = [-m.points if len(m.points) else -m.sizes[:, None] for m in found.fit.problem.measured]
     error = _instrument_error(found, columns)
     if abs(error.value) > max(_MIN_DEVIATIONS * error.deviation, _MIN_SCALE_ERROR):
@@ -94,7 +96,10 @@ def _scale_error(found: CalibratedRobot) -> Iterator[tuple[float, Offered]]:
 
 
 def _offset_error(error: _InstrumentError, noise: float) -> Iterator[tuple[float, Offered]]:
-    """Offset of distances as size in standard deviations and cause; nothing if small. ``noise`` is that of a reading [m]."""
+    """Size in standard deviations and cause of an offset of distances; nothing if small.
+
+    ``noise`` is the standard deviation of a reading [m].
+    """
     if abs(error.value) > max(_MIN_DEVIATIONS * error.deviation, noise):
         half_width = 2.0 * error.deviation
         size = " ± ".join(estimate(1e3 * abs(error.value), 1e3 * half_width))
@@ -106,7 +111,10 @@ def _offset_error(error: _InstrumentError, noise: float) -> Iterator[tuple[float
 
 
 def _instrument_error(found: CalibratedRobot, columns: Sequence[Array]) -> _InstrumentError:
-    """Estimate of the factor of a further column: ``columns`` are its parts (m, 1 or 3) for the lengths of each measurement."""
+    """Estimate of an instrument's error, the factor of a further column in the fit.
+
+    ``columns`` has the part of this column for the lengths of each measurement, (m, 1) or (m, 3).
+    """
     fit = found.fit
     A, y = fit.weighted_rows
     weighted_parts = list[Array]()
@@ -128,13 +136,15 @@ def _instrument_error(found: CalibratedRobot, columns: Sequence[Array]) -> _Inst
     rows = np.c_[A, column]
     prior_rows = np.c_[np.diag(1.0 / prior_deviations), np.zeros(len(prior_deviations))]
     B = np.concatenate([rows, prior_rows])
-    x, *_ = np.linalg.lstsq(B, -np.concatenate([y, values / prior_deviations]), rcond=None)
+    right_side = -np.concatenate([y, values / prior_deviations])
+    x, *_ = np.linalg.lstsq(B, right_side, rcond=None)
     covariance = np.linalg.inv(B.T @ B)
-    deviation = float(np.sqrt(covariance[-1, -1]))
+    deviation = float(np.sqrt(covariance[-1, -1]))  # of the further column, which is the last one
     unspanned_share = float(np.linalg.norm(unspanned) / np.linalg.norm(column))
     residual = _residual(basis, y)
     squares = float(residual @ residual)
-    explained_squares, residual_share = 0.0, 1.0
+    explained_squares = 0.0
+    residual_share = 1.0
     if unspanned_share > _MIN_UNSPANNED_SHARE:
         explained_squares = float(unspanned @ residual) ** 2 / float(unspanned @ unspanned)
     if squares > 0.0:
@@ -197,33 +207,41 @@ def _steps(found: CalibratedRobot, index: int) -> Iterator[_Step]:
     A, y = fit.equations.weighted_rows(weights)
     Q, _ = np.linalg.qr(A[:, found.parameter_groups.independent_columns])
     residual = y - Q @ (Q.T @ y)
-    p = len(fit.problem.chain.parameters)
+    p = len(fit.problem.chain.parameters)  # their columns are first; those of the targets follow
     first_target_column = p + sum(len(target.names) for target in fit.state.targets[:index])
     target_columns = range(first_target_column, first_target_column + len(fit.state.targets[index].names))
     if m.kind not in LENGTHS_MEASURED:  # touches have no instrument
         target_columns = range(0)
     tip_columns = range(p - 6, p) if m.angle_rows else range(p - 3, p)  # the last parameters: pose or position
     first_row = sum(W.size for W in weights[:index])
-    rows = first_row + np.arange(weights[index].size).reshape(weights[index].shape)
-    angle_rows, length_rows = rows[:, : m.angle_rows].ravel(), rows[:, m.angle_rows :].ravel()
+    rows = first_row + np.arange(weights[index].size).reshape(weights[index].shape)  # of each reading
+    angle_rows = rows[:, : m.angle_rows].ravel()
+    length_rows = rows[:, m.angle_rows :].ravel()
     row_groups = [group for group in (length_rows, angle_rows) if len(group)]
     for kind, columns in (("slipped", tip_columns), ("moved", target_columns)):
         if not columns:
             continue
         design = fit.equations.design[index][:, :, list(columns)]
         steps = _steps_from_each_reading(design, weights[index], residual, Q, first_row)
-        reading, x, residual_with_step = min(steps, key=lambda step: float(step[2] @ step[2]))  # least squares
+        reading, x, residual_with_step = min(steps, key=_remaining_squares)
         shares = [np.linalg.norm(residual_with_step[group]) / np.linalg.norm(residual[group]) for group in row_groups]
         squares = float(residual_with_step @ residual_with_step)
         step_freedom = len(x)
         freedom = len(A) - len(Q.T) - step_freedom
         chance = 1.0
         if freedom > 0:
-            F = (residual @ residual - squares) / step_freedom / (squares / freedom)
-            chance = float(special.fdtrc(step_freedom, freedom, F)) * m.count  # at any reading
+            F = (residual @ residual - squares) / step_freedom / (squares / freedom)  # F statistic of the step
+            chance_at_reading = float(special.fdtrc(step_freedom, freedom, F))
+            chance = chance_at_reading * m.count  # at any reading
         changes = design[reading:, m.angle_rows :] @ x
         size = np.sqrt((changes**2).sum(axis=1).mean())
         yield _Step(kind, index, reading, float(size), float(min(shares)), chance)
+
+
+def _remaining_squares(step: tuple[int, Array, Array]) -> float:
+    """Sum of squares of the residual that remains with a step of :func:`_steps_from_each_reading`."""
+    _, _, remaining = step
+    return float(remaining @ remaining)
 
 
 def _steps_from_each_reading(

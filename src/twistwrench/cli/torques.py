@@ -108,13 +108,14 @@ def torques_command(
     paths = expanded_paths(log.trajectory if is_typed else path)
     has_many_motions = paths != [str(path)]
     if has_many_motions or workers is not None or scheduler is not None:
-        flags_of_one_motion = set(outputs.flags) - {"--csv", "--json", "--report"}
+        flags_of_one_motion = set(outputs.flags) - {"--csv", "--json", "--report"}  # these are of many motions, too
         if why or flags_of_one_motion:
             raise ValueRangeError(
                 "--plot, --why, --mcap and --rerun are of one motion. Give one file, and no --workers."
             )
         motion_files = {f"MOTION {p}": p for p in paths}
-        replace(outputs, inputs={**motion_files, **robot.files}).check(overwrite=True)
+        batch_outputs = replace(outputs, inputs={**motion_files, **robot.files})
+        batch_outputs.check(overwrite=True)
         batch = BatchTorques(robot, log, asked, tuple(paths))
         with progress_bar(f"{len(paths)} motions") as progress:
             return checked_motions(Path(robot.source).stem, paths, batch.answer, workers, scheduler, progress)

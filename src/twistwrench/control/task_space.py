@@ -40,7 +40,8 @@ def body_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tupl
     """
     T_bd = se3.inverse(T) @ T_d
     R, p = T_bd[:3, :3], T_bd[:3, 3]
-    V_bd, dV_bd = _transform_twist(R, p, V_d), _transform_twist(R, p, dV_d)
+    V_bd = _transform_twist(R, p, V_d)
+    dV_bd = _transform_twist(R, p, dV_d)
     linear_part = so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])
     bracket = np.concatenate([so3.cross(V[:3], V_bd[:3]), linear_part])  # [V, V_bd]
     return se3.log(T_bd), V_bd - V, dV_bd - bracket
@@ -111,7 +112,7 @@ class TaskLaw:
     rows: Rows = field(default=None, kw_only=True)
     """Selected rows, such as ``"vx vz"``; None: all six."""
     posture: Reference | None = field(default=None, kw_only=True)
-    """Reference as for :class:`JointLaw`; None: no preferred posture, free motions are only damped."""
+    """Reference of the joints, as for :class:`JointLaw`; None: motions that the task leaves free are only damped."""
     posture_kp: ArrayLike = field(default=25.0, kw_only=True)
     """Posture gain [1/s²]."""
     posture_kd: ArrayLike = field(default=10.0, kw_only=True)
@@ -136,13 +137,13 @@ class TaskLaw:
                 "the origin too. Take six, 'wx wy wz', a plane ('wx vy vz', 'wy vx vz', 'wz vx vy'), or kind='world_aligned'."
             )
         set_field(self, "_motion", pose_motion(robot, self.reference, self.frame, f"{name}: reference"))
-        posture = None if self.posture is None else joint_motion(robot, self.posture, f"{name}: posture")
-        set_field(self, "_posture", posture)
+        posture_motion = None if self.posture is None else joint_motion(robot, self.posture, f"{name}: posture")
+        set_field(self, "_posture", posture_motion)
         set_gains(self, robot.model.velocity_names, "posture_kp", "posture_kd")
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Names of the selected rows."""
+        """Names of the selected rows, such as ``wx``."""
         return tuple(TWIST[k] for k in self._rows)
 
     def task(self, t: float, q: ArrayLike, dq: ArrayLike) -> TaskState:
@@ -159,9 +160,11 @@ class TaskLaw:
         robot = self.robot
         rows = list(self._rows)
         q, dq = one_state(robot, type(self).__name__, q, dq)
-        T, J = robot.forward_kinematics(q, self.frame), robot.jacobian(q, self.frame, self.kind)
+        T = robot.forward_kinematics(q, self.frame)
+        J = robot.jacobian(q, self.frame, self.kind)
+        T_d, V_d, dV_d = self._motion(t)
         compute_errors = body_errors if self.kind == "body" else world_errors
-        X_e, V_e, feedforward = compute_errors(T, J @ dq, *self._motion(t))
+        X_e, V_e, feedforward = compute_errors(T, J @ dq, T_d, V_d, dV_d)
         drift = robot.jacobian_rate(q, dq, self.frame, self.kind) @ dq
         Lambda = robot.task_inertia(q, self.frame, self.kind, self._rows)
         return TaskState(X_e[rows], V_e[rows], feedforward[rows], J[rows], drift[rows], Lambda, T)

@@ -214,7 +214,8 @@ class _Child:
         timer.start()
         try:
             header = self.answers.read(_HEADER.size)
-            kind, size = b"", 0
+            kind = b""  # if the child has ended
+            size = 0
             if len(header) == _HEADER.size:
                 kind, size = _HEADER.unpack(header)
             if size > max_size:
@@ -237,7 +238,7 @@ class _Child:
         code = self.process.wait()  # the negative number of a signal if one ended the child
         if self.overdue:
             return f"reading it took longer than {number(_WAITING_FACTOR * limits.seconds)} s"
-        if code == -getattr(signal, "SIGXCPU", 0):
+        if code == -getattr(signal, "SIGXCPU", 0):  # Windows has neither of these two signals
             return f"reading it took more than {number(limits.seconds)} s of processor time"
         if code == -getattr(signal, "SIGALRM", 0):
             raise _OutdatedChild

@@ -40,6 +40,8 @@ _OWN_NAMES = re.compile(r"[0-9a-f]{64}|\.new-\w+")
 
 _BINARY = getattr(os, "O_BINARY", 0)
 """Flag of Windows for files without conversion of line ends."""
+_READING_FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY
+"""Flags for reading an entry: no links, and no waiting for the other end of a pipe."""
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 """Mode bits of write access for the group and for all."""
 _NOT_A_FILE = (errno.EINVAL, errno.ELOOP, errno.EMLINK, errno.ENXIO)
@@ -55,12 +57,12 @@ def folder() -> Path | None:
     if users_choice.lower() == "off":
         return None
     try:
-        place = Path(users_choice).expanduser() if users_choice else _default_folder()
-        if not place.exists():
-            missing_folders = [path for path in (place, *place.parents) if not path.exists()]
+        cache_folder = Path(users_choice).expanduser() if users_choice else _default_folder()
+        if not cache_folder.exists():
+            missing_folders = [path for path in (cache_folder, *cache_folder.parents) if not path.exists()]
             for missing_folder in reversed(missing_folders):  # parents first
                 missing_folder.mkdir(mode=0o700, exist_ok=True)  # mkdir(parents=True) would ignore the parents' mode
-        status = place.stat()
+        status = cache_folder.stat()
         if not stat.S_ISDIR(status.st_mode):
             raise NotADirectoryError(errno.ENOTDIR, "it is not a folder")
     except (OSError, RuntimeError) as problem:  # RuntimeError: the user of ~ has no home
@@ -70,30 +72,31 @@ def folder() -> Path | None:
                 "or off."
             )
         return None
-    if hasattr(os, "getuid"):  # code is executed from here: only this user may write it
-        for parent in place.resolve().parents:
+    if hasattr(os, "getuid"):  # not on Windows. Code is executed from here: only this user may write it
+        for parent in cache_folder.resolve().parents:
             if not _is_safe_parent(parent.stat()):
                 _warn_once(f"others can rename what is in {parent}. Set {VARIABLE} to a folder of your own, or to off.")
                 return None
         if status.st_uid != os.getuid():
             _warn_once(
-                f"{place} belongs to another user (uid {status.st_uid}). Set {VARIABLE} to a folder of your own, or to off."
+                f"{cache_folder} belongs to another user (uid {status.st_uid}). Set {VARIABLE} to a folder of your own, or to "
+                "off."
             )
             return None
         if status.st_mode & _WRITABLE_BY_OTHERS:
             mode = f"mode {stat.S_IMODE(status.st_mode):o}"
             _warn_once(
-                f"others can write to {place} ({mode}). Run chmod go-w on it, or set {VARIABLE} to another folder."
+                f"others can write to {cache_folder} ({mode}). Run chmod go-w on it, or set {VARIABLE} to another folder."
             )
             return None
-    return place
+    return cache_folder
 
 
 def _is_safe_parent(status: os.stat_result) -> bool:
     """True if only this user and the system can rename entries of a folder with this status."""
-    if status.st_uid not in (0, os.getuid()):
+    if status.st_uid not in (0, os.getuid()):  # 0 is root, the system
         return False
-    if status.st_mode & stat.S_ISVTX:  # the sticky bit, as of /tmp: only its owner renames an entry
+    if status.st_mode & stat.S_ISVTX:  # the sticky bit, as of /tmp: an entry is renamed by the entry's owner only
         return True
     if status.st_mode & stat.S_IWOTH:
         return False
@@ -129,20 +132,21 @@ def _warn_once(text: str) -> None:
         warnings.warn(f"Compiled code is not kept: {text}", CacheWarning, stacklevel=2)
 
 
-def load(key: str, place: Path | None = None) -> bytes | None:
-    """Code stored under ``key``; None if there is none. A damaged entry is removed. ``place`` is the folder, if known."""
-    place = place or folder()
-    if place is None:
+def load(key: str, cache_folder: Path | None = None) -> bytes | None:
+    """Code stored under ``key``; None if there is none. A damaged entry is removed. ``cache_folder`` may be given if known."""
+    cache_folder = cache_folder or folder()
+    if cache_folder is None:
         return None
-    entry = place / key
+    entry = cache_folder / key
     try:
-        raw = _bytes_of(entry)
+        raw = _bytes_of(entry)  # magic, checksum, code
     except OSError as problem:
         if problem.errno in _NOT_A_FILE:
             _remove_entry(entry)
         return None
     after_magic = raw[len(MAGIC) :]
-    checksum, code = after_magic[:_CHECKSUM_SIZE], after_magic[_CHECKSUM_SIZE:]
+    checksum = after_magic[:_CHECKSUM_SIZE]
+    code = after_magic[_CHECKSUM_SIZE:]
     if raw.startswith(MAGIC) and digest(key, code) == checksum:
         return code
     _remove_entry(entry)
@@ -151,9 +155,11 @@ def load(key: str, place: Path | None = None) -> bytes | None:
 
 def _bytes_of(entry: Path) -> bytes:
     """Bytes of an entry. Raises OSError unless it is a regular file of this user alone, and not too large for code."""
-    handle = os.open(entry, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY)
+    handle = os.open(entry, _READING_FLAGS)
     status = os.fstat(handle)
-    others_can_write = hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & _WRITABLE_BY_OTHERS)
+    others_can_write = False  # Windows has no such modes
+    if hasattr(os, "getuid"):
+        others_can_write = status.st_uid != os.getuid() or bool(status.st_mode & _WRITABLE_BY_OTHERS)
     if not stat.S_ISREG(status.st_mode) or status.st_size > MOST_BYTES or others_can_write:
         os.close(handle)
         raise OSError(errno.EINVAL, "no entry of the cache", str(entry))
@@ -172,31 +178,31 @@ def _remove_entry(entry: Path) -> None:
 
 def store(key: str, code: bytes) -> None:
     """Store ``code`` under ``key``; written to a temporary name and renamed, so that readers never see a partial file."""
-    place = folder()
-    if place is None:
+    cache_folder = folder()
+    if cache_folder is None:
         return
     import tempfile
 
     temporary_path = None  # of a file that is not yet renamed
     try:
-        handle, temporary_path = tempfile.mkstemp(dir=place, prefix=".new-")
+        handle, temporary_path = tempfile.mkstemp(dir=cache_folder, prefix=".new-")
         with os.fdopen(handle, "wb") as file:
             file.write(MAGIC + digest(key, code) + code)
-        Path(temporary_path).replace(place / key)
+        Path(temporary_path).replace(cache_folder / key)
         temporary_path = None
-        _prune(place)
+        _prune(cache_folder)
     except OSError as problem:
         if os.environ.get(VARIABLE):  # the user has chosen the folder
-            _warn_once(f"{place}: {problem.strerror or problem}. Set {VARIABLE} to another folder, or to off.")
+            _warn_once(f"{cache_folder}: {problem.strerror or problem}. Set {VARIABLE} to another folder, or to off.")
     finally:
         if temporary_path is not None:
             with suppress(OSError):
                 Path(temporary_path).unlink()
 
 
-def _prune(place: Path) -> None:
+def _prune(cache_folder: Path) -> None:
     """If there are too many entries, remove the oldest: a quarter of the maximum number."""
-    paths = list(place.iterdir())
+    paths = list(cache_folder.iterdir())
     if len(paths) <= MOST_ENTRIES:  # the usual case, without a look at the files
         return
     entries = [path for path in paths if _OWN_NAMES.fullmatch(path.name) and path.is_file()]

@@ -88,18 +88,18 @@ def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Moving links without mass; the mass matrix M is singular if no link that they carry has mass."""
     diagonal = robot.effects.diagonal  # of M at several poses, (poses, nv)
     max_rounding_error = _ROUND_OFF * float(np.abs(diagonal).max(initial=0.0))
-    joint_by_link: dict[bool, dict[str, str]] = {}  # one table of links that make M singular, and one of the others
+    joints_by_effect: dict[bool, dict[str, str]] = {}  # joint by link, apart for links that make M singular
     for link in massless_links(robot.model):
         body = robot.model.bodies[robot.model.frames[link].body]
         _, v_entries = body.places
         makes_singular = bool((diagonal[:, v_entries] <= max_rounding_error).any())
-        joint_by_link.setdefault(makes_singular, {})[link] = body.joint.name
-    for makes_singular, joints in joint_by_link.items():
-        yield _massless_finding(robot, joints, makes_singular)
+        joints_by_effect.setdefault(makes_singular, {})[link] = body.joint.name
+    for makes_singular, joint_by_link in joints_by_effect.items():
+        yield _massless_finding(robot, joint_by_link, makes_singular)
 
 
 def _massless_finding(robot: ParsedFile, joint_by_link: Mapping[str, str], makes_singular: bool) -> Finding:
-    """Finding about massless links, by the joint of each."""
+    """Finding about massless links, whose joints are the values of ``joint_by_link``."""
     links = list(joint_by_link)
     joints = list(joint_by_link.values())
     severity = Severity.NOTE

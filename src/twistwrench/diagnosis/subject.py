@@ -70,7 +70,8 @@ def read_subject(
         source = known_file
     if is_name(source):
         source = robot_file(str(source))
-    path, file = None, None
+    path: Path | None = None
+    file: RobotFile | None = None
     text = str(source)  # if it is XML text
     if not is_text(source):
         path = as_path(source)
@@ -84,7 +85,8 @@ def read_subject(
         root = parse(text, max_bodies=max_bodies)
         data = b""
     else:
-        root, data = file.root, file.data
+        root = file.root
+        data = file.data
     parsed_file = parse_elements(root, loaded_model, _solid_reader(path, meshes), path)
     parsed_file = replace(parsed_file, load_errors=tuple(errors))
     return Subject(parsed_file, text, path, data, root, floating_base, model)

@@ -66,7 +66,8 @@ def apply_edits(
     :class:`~twistwrench.RobotFileError` if a number is not found.
     """
     additions = additions or {}
-    tags = _start_tags(text, {edit.place.element for edit, _ in edits} | set(additions))
+    edited_elements = {edit.place.element for edit, _ in edits}
+    tags = _start_tags(text, edited_elements | set(additions))
     edits_by_element: dict[int, list[tuple[Edit, str]]] = defaultdict(list)
     for edit, reason in edits:
         edits_by_element[edit.place.element].append((edit, reason))
@@ -97,12 +98,17 @@ def apply_edits(
 
 def _insertion(text: str, tag: _Tag, addition: str) -> _TextChange:
     """Change that adds text at the beginning of an element."""
-    if text[tag.end - 2] == "/":  # an empty element such as <link name="tool"/> gets an end tag
-        name, *_ = re.split(r"[\s/>]", text[tag.start + 1 : tag.end], maxsplit=1)
-        return tag.end - 2, tag.end, f">{addition}</{name}>"
+    if _closes_itself(text, tag):  # an element such as <link name="tool"/> gets an end tag
+        element_name, *_ = re.split(r"[\s/>]", text[tag.start + 1 : tag.end], maxsplit=1)
+        return tag.end - 2, tag.end, f">{addition}</{element_name}>"
     content = text[tag.end : tag.content_end]
-    blanks = content[: len(content) - len(content.lstrip())]
-    return tag.end, tag.end, f"{blanks}{addition}"
+    leading_blanks = content[: len(content) - len(content.lstrip())]
+    return tag.end, tag.end, f"{leading_blanks}{addition}"
+
+
+def _closes_itself(text: str, tag: _Tag) -> bool:
+    """True if a start tag ends with ``/>``."""
+    return text[tag.end - 2] == "/"
 
 
 def encode_as(text: str, original: bytes) -> bytes:
@@ -122,7 +128,7 @@ def encode_as(text: str, original: bytes) -> bytes:
 
 
 def _start_tags(text: str, numbers: set[int]) -> Mapping[int, _Tag]:
-    """Start tags of the elements with these numbers in document order."""
+    """Start tags, by element number, of the elements with these numbers; elements are numbered in document order."""
     from xml.parsers import expat
 
     if len(text) > MAX_BYTES:
@@ -133,7 +139,7 @@ def _start_tags(text: str, numbers: set[int]) -> Mapping[int, _Tag]:
     tag_starts: dict[int, int] = {}  # byte indices
     content_ends: dict[int, int] = {}  # byte indices
     element_count = 0
-    current = -1  # element whose text the parser reads; -1 after an end tag
+    current = -1  # number of the element whose text the parser reads; -1 after an end tag
     parser = expat.ParserCreate("utf-8")
 
     def begin_element(*_: object) -> None:
@@ -182,17 +188,17 @@ def _change(text: str, tag: _Tag, edit: Edit) -> tuple[_TextChange, str]:
     if edit.how != "change":
         match = _attribute(text, tag, place.attribute)
     if edit.how == "put" and match is None:
-        position = tag.end - 1
-        if text[tag.end - 2] == "/":  # before "/>" of an empty element
-            position -= 1
+        position = tag.end - 1  # before ">"
+        if _closes_itself(text, tag):
+            position -= 1  # before "/>"
         position -= _trailing_blanks(text[tag.start : position])
         new_attribute = f' {place.attribute}="{edit.text}"'
         return (position, position, new_attribute), f"{place.attribute} was not given"
     start, end = _span(text, tag, edit)
-    name = place.attribute or "its text"
-    if place.position >= 0:
-        name = f"number {place.position + 1} of {name}"
-    old_value = f"{name} was {text[start:end].strip()}"
+    value_name = place.attribute or "its text"
+    if place.position >= 0:  # one of several numbers
+        value_name = f"number {place.position + 1} of {value_name}"
+    old_value = f"{value_name} was {text[start:end].strip()}"
     if edit.how == "remove" and match is not None:
         blanks = _trailing_blanks(text[tag.start : match.start()])
         return (match.start() - blanks, match.end(), ""), old_value
@@ -229,7 +235,8 @@ def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
         content = text[start:end]
         leading_blanks = len(content) - len(content.lstrip())
         return start + leading_blanks, end - _trailing_blanks(content)
-    words = list(re.compile(r"\S+").finditer(text, start, end))
+    word_pattern = re.compile(r"\S+")
+    words = list(word_pattern.finditer(text, start, end))
     if place.position >= len(words):
         raise RobotFileError(f"the attribute {place.attribute!r} has too few numbers. Load the file again.")
     return words[place.position].span()
@@ -240,7 +247,8 @@ def _comment(text: str, position: int, content: str) -> str:
     # XML allows no "--" in a comment.
     content = re.sub(r"-(?=-)", "- ", content).rstrip("-")
     comment = f"<!-- {content} -->"
-    line_start = max(text.rfind("\n", 0, position), text.rfind("\r", 0, position)) + 1
+    last_newline = max(text.rfind("\n", 0, position), text.rfind("\r", 0, position))  # -1 in the first line
+    line_start = last_newline + 1
     indent = text[line_start:position]
     if indent.strip(" \t"):  # other text
         return comment
@@ -267,7 +275,7 @@ class TextChanges:
         self._additions: dict[int, str] = {}
 
     def set(self, element: Element, attribute: str, value: str, why: str = FOUND) -> None:
-        """Set or add an attribute, or the text if ``attribute`` is empty. Equal values keep their spelling."""
+        """Set or add an attribute, or the element's text if ``attribute`` is empty. Equal numbers keep their spelling."""
         old_value = element.content
         if attribute:
             old_value = element.attributes.get(attribute, "")

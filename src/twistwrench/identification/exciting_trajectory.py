@@ -171,16 +171,17 @@ class ExcitingMotion(Answer):
     def clearances(self) -> dict[str, float]:
         """Least distances [m] of the capsules from the ``floor`` and from each other (``itself``), if they were checked."""
         capsules = self.constraints.capsules
-        instants = max(_MIN_CHECKED_INSTANTS, int(np.ceil(self.duration / MAX_CHECK_STEP)) + 1)
-        q, _, _ = self(np.linspace(0.0, self.duration, instants))
-        distances, _ = capsules.evaluate(q)
+        required_steps = int(np.ceil(self.duration / MAX_CHECK_STEP))
+        instant_count = max(_MIN_CHECKED_INSTANTS, required_steps + 1)
+        q, _, _ = self(np.linspace(0.0, self.duration, instant_count))
+        distances, _ = capsules.evaluate(q)  # between links, then to the floor
         link_distances, floor_distances = np.split(distances, [len(capsules.pairs)], axis=1)
-        least: dict[str, float] = {}
+        least_distances: dict[str, float] = {}
         if link_distances.size:
-            least["itself"] = float(link_distances.min())
+            least_distances["itself"] = float(link_distances.min())
         if floor_distances.size:
-            least["floor"] = float(floor_distances.min())
-        return least
+            least_distances["floor"] = float(floor_distances.min())
+        return least_distances
 
     @property
     def unwatched(self) -> tuple[str, ...]:
@@ -207,7 +208,9 @@ class ExcitingMotion(Answer):
                 obstacle = name.replace("floor", "the floor")
                 reasons.append(f"it comes to {number(1000.0 * distance)} mm from {obstacle}")
         verdict = Verdict.from_reasons(unsure=reasons)
-        return verdict if self.clearance is None else verdict.joined(self.clearance.verdict)
+        if self.clearance is None:
+            return verdict
+        return verdict.joined(self.clearance.verdict)
 
     # ── The answer on every surface
 
@@ -481,9 +484,11 @@ def _best_coefficients(
 
 def _capsules(robot: Robot, floor: float | None, clear_of_itself: bool) -> CapsuleDistances:
     """Distances of the links' capsules that the motion keeps; raises ValueRangeError for a floor without a height."""
-    height = None if floor is None else arguments.number(floor, "floor")
-    if height is not None and not np.isfinite(height):
-        raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
+    height = None
+    if floor is not None:
+        height = arguments.number(floor, "floor")
+        if not np.isfinite(height):
+            raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
     checks_links = arguments.flag(clear_of_itself, "clear_of_itself")
     capsules = LinkCapsules.from_robot(robot)
     return CapsuleDistances.from_capsules(robot, capsules, floor=height, itself=checks_links)
@@ -524,7 +529,8 @@ def _torque_noise(robot: Robot, noise: ArrayLike | None) -> Array:
     """(nv,) standard deviations of the torques, given or by default; raises ShapeError or ValueRangeError."""
     if noise is None:
         effort = robot.limits.effort
-        return np.where(np.isfinite(effort) & (effort > 0), _NOISE_SHARE * effort, 1.0)
+        has_limit = np.isfinite(effort) & (effort > 0)
+        return np.where(has_limit, _NOISE_SHARE * effort, 1.0)
     deviations = np.asarray(arguments.finite(noise, "noise", names=robot.model.velocity_names), float)
     if deviations.shape not in ((), (robot.nv,)):
         raise ShapeError(f"noise has shape {deviations.shape}: give one number, or {robot.nv}, one for each joint.")

@@ -148,8 +148,9 @@ class Trial:
 
     def _change_by_speed(self, x: Array, joint: int) -> Array:
         """(m, nv) change of the predicted torques if the friction speed of a joint is 10 % larger."""
-        is_joint = np.arange(len(self.felt)) == joint
-        larger_speed = np.where(is_joint, 1.1, 1.0) * self.settings.friction_speed
+        speed_factors = np.ones(len(self.felt))
+        speed_factors[joint] = 1.1
+        larger_speed = speed_factors * self.settings.friction_speed
         torque_change = np.zeros(self.tau.shape)
         for column, joints in self._source.coulomb:
             if speed_owner(joints) == joint:
@@ -222,7 +223,10 @@ class SettingRows:
         asked: FitOptions,
         dead: Array,
     ) -> None:
-        self.base, self.samples, self.asked, self.dead = base, samples, asked, dead
+        self.base = base
+        self.samples = samples
+        self.asked = asked
+        self.dead = dead
         nv = base.unknown.model.nv
         if asked.cutoff is None:
             self.tried = cutoffs(samples, _MIN_ROWS_OF_GROUP * base.count / nv)
@@ -273,11 +277,11 @@ class SettingRows:
 
     def _equations(self, settings: FitSettings) -> list[NormalEquations]:
         """Normal equations of each fifth; a clock offset changes only the torques."""
-        key = settings.cutoff, tuple(settings.friction_speed.tolist())
-        fifths = self._fifths(*key)
+        cutoff_and_speeds = (settings.cutoff, tuple(settings.friction_speed.tolist()))
+        fifths = self._fifths(*cutoff_and_speeds)
         if not settings.shift:
             return fifths
-        products = self._products(*key, settings.shift)
+        products = self._products(*cutoff_and_speeds, settings.shift)
         return [replace(fifth, c=c, y=y) for fifth, (c, y) in zip(fifths, products, strict=True)]
 
     def _shifted_products(self, cutoff: float, speeds: tuple[float, ...], shift: float) -> list[tuple[Array, Array]]:
@@ -348,7 +352,7 @@ class SettingRows:
         return settings
 
     def _best_speed(self, settings: FitSettings, joints: Array, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
-        """Settings with the best common friction speed of some joints (nv,) bool."""
+        """Settings with the best common friction speed of the joints that a mask (nv,) selects."""
         candidates = list[FitSettings]()
         for speed in SPEEDS:
             friction_speed = np.where(joints, speed, settings.friction_speed)
@@ -400,7 +404,8 @@ class SettingRows:
     ) -> float:
         """Score as of :meth:`_score`, with arguments that can be keys of a cache."""
         squares = np.zeros(len(self.dead))  # of the residuals of each joint
-        for fifth, x in self._fits(FitSettings(cutoff, np.array(speeds), shift), prior, blocks):
+        settings = FitSettings(cutoff, np.array(speeds), shift)
+        for fifth, x in self._fits(settings, prior, blocks):
             squares = squares + fifth.squares(x)
         return float(np.log(np.maximum(squares, _TINY_SQUARE)).sum())
 
@@ -427,7 +432,8 @@ class SettingRows:
     ) -> list[float]:
         """For each set, the lowest cut-off whose predictions are nearly as good as the best.
 
-        ``sets`` has fifths and settings of each set; predictions are compared with torques below the highest cut-off.
+        ``sets`` has the numbers of the fifths and the settings of each set. Predictions are compared with torques below the
+        highest cut-off. If ``rising``, cut-offs are scored from the lowest to the highest, otherwise in reverse order.
         """
         cutoff_count = len(self.tried)
         if cutoff_count == 1:
@@ -441,7 +447,7 @@ class SettingRows:
                 scores[k, n] = self._judged_score(prior, blocks, replace(settings, cutoff=self.tried[k]))
             progress(done_count / cutoff_count)
         is_good = scores <= scores.min(axis=0) + _MIN_GAIN * len(self.dead)
-        first_good = is_good.argmax(axis=0)  # of each set
+        first_good = is_good.argmax(axis=0)  # index of the lowest such cut-off, for each set
         return [self.tried[k] for k in first_good.tolist()]
 
     def _judged_score(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:

@@ -161,10 +161,11 @@ def newton_euler(
     model = robot.model
     n = len(model.bodies)
     T = joint_poses(model, q)
-    Adq, Addq = spread(model, dq), spread(model, ddq)  # A dq and A ddq of each body
+    Adq = spread(model, dq)  # A dq of each body's joint
+    Addq = spread(model, ddq)
     V, dV, F = np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, 6))
     V_base = np.zeros(6)
-    dV_base = np.concatenate([np.zeros(3), -model.gravity])
+    dV_base = np.concatenate([np.zeros(3), -model.gravity])  # in place of weights
     for i, p in outward(model):
         V_p, dV_p = (V_base, dV_base) if p == BASE else (V[p], dV[p])
         Ad_ip = Ad(T[i]).inverse
@@ -191,14 +192,17 @@ def _entry_text(value: float) -> str:
 def _table(title: str, bodies: tuple[str, ...], rows: Array, parts: tuple[str, str], quantity: str) -> Table:
     """Table of vectors (n, 6), one body a row; ``parts`` are the symbols of the angular and of the linear part.
 
-    Units are those of a ``quantity``: dq, ddq or tau.
+    The ``quantity`` dq, ddq or tau has the same units.
     """
     from ..core.answers.blocks import Table, numbers, words
 
+    angular_symbol, linear_symbol = parts
     angular_unit, linear_unit = units_of(quantity, (True, False))
     columns = []
     for k in range(6):
-        symbol, unit = (parts[0], angular_unit) if k < 3 else (parts[1], linear_unit)
+        symbol, unit = angular_symbol, angular_unit
+        if k >= 3:
+            symbol, unit = linear_symbol, linear_unit
         axis = "xyz"[k % 3]
         has_unit_in_heading = axis == "x"  # once for each part
         columns.append(numbers(f"{symbol}{axis}", rows[:, k], _entry_text, unit, headed=has_unit_in_heading))

@@ -58,7 +58,7 @@ def _units(name: str, coordinates: Coordinates) -> str:
     if name == "q":
         units = [unit_of("q", bool(is_angle)) for is_angle in coordinates.angular]
         for entries in coordinates.quaternions:  # slices
-            units[entries] = ["1"] * len(units[entries])
+            units[entries] = ["1"] * len(units[entries])  # UDUNITS for a number without unit
     else:
         units = [unit.replace("²", "^2") for unit in units_of(name, coordinates.angular_velocity)]
     if len(set(units)) == 1:
@@ -85,7 +85,7 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
     names = list(map(str, frame.columns))
     has_time_column = any(time_meaning(name) is not None for name in names)
     header: list[str] = []
-    columns = [np.zeros((len(frame), 0))]  # so that a frame without numeric columns has its rows
+    columns = [np.zeros((len(frame), 0))]  # no columns, but the number of rows if the frame has no numeric ones
     time_of_index = _time_of_index(frame.index, has_time_column=has_time_column)
     if time_of_index is not None:
         time_name, times = time_of_index
@@ -105,18 +105,24 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
     notes: tuple[str, ...] = ()
     if ignored_names:
         notes = (f"Columns that are not numbers are ignored: {', '.join(ignored_names)}.",)
-    file = ArrayFile.from_table(Path(_FILE_NAME), header, table, 8 * table.size)  # 8 bytes a number
-    return replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them"), notes
+    byte_count = 8 * table.size  # 8 bytes a number
+    file = ArrayFile.from_table(Path(_FILE_NAME), header, table, byte_count)
+    file = replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them")
+    return file, notes
 
 
 def _column(name: str, values: Any) -> tuple[str, Array]:
-    """Name and numbers of a column; dates and durations in seconds since the first. Raises TypeError or ValueError."""
-    kind = getattr(values.dtype, "kind", "")
+    """Name and numbers of a column; dates and durations in seconds since the column's first row.
+
+    Raises TypeError or ValueError if the values are not numbers.
+    """
+    kind = getattr(values.dtype, "kind", "")  # M: dates, m: durations
     nanosecond_type = {"M": "datetime64[ns]", "m": "timedelta64[ns]"}.get(kind)
     if nanosecond_type is None:
         return name, np.asarray(values, float)
     stamps = np.asarray(values, nanosecond_type)
-    return f"{name} [s]", (stamps - stamps[:1]) / np.timedelta64(1, "s")
+    since_first = stamps - stamps[:1]  # a slice, since a column may be empty
+    return f"{name} [s]", since_first / np.timedelta64(1, "s")
 
 
 def _time_of_index(index: Any, *, has_time_column: bool) -> tuple[str, Array] | None:
@@ -125,10 +131,10 @@ def _time_of_index(index: Any, *, has_time_column: bool) -> tuple[str, Array] | 
     Dates and durations are in seconds since the first. An index without a name is the time. An index with a name keeps
     it. If neither the name nor a column denotes a time, increasing floats are called ``time``.
     """
-    if getattr(index.dtype, "kind", "") in "mM":
+    if getattr(index.dtype, "kind", "") in "mM":  # durations or dates
         return _column("time", index)
     values = np.asarray(index)
-    if values.ndim != 1 or values.dtype.kind not in "iuf":
+    if values.ndim != 1 or values.dtype.kind not in "iuf":  # integers and floats
         return None
     is_row_number = values.dtype.kind in "iu" and np.array_equal(values, np.arange(len(values)))
     if index.name is None and is_row_number:

@@ -231,11 +231,13 @@ def robot_of(
 ) -> tuple[Robot, str]:
     """Robot with its drives and locked joints, and the name by which files are bundled with it."""
     if isinstance(given, Robot):
-        robot, name = given, given.name
+        robot = given
+        name = given.name
     elif actuators is None:
         return load(given, lock=lock), str(given)
-    else:
-        robot, name = load(given), str(given)
+    else:  # locked below, since actuators may name joints that are locked
+        robot = load(given)
+        name = str(given)
     if actuators is not None:
         robot = _driven_robot(robot, name, actuators)
     if lock is not None:

@@ -66,7 +66,7 @@ class _Gap(NamedTuple):
 
 
 def _least_rates_across(change: Array, v0: Array, v1: Array, h: float) -> Array:
-    """(2, nv) speed and acceleration that a change within the time h needs, if the speeds at its ends are v0 and v1.
+    """(2, nv) speed and acceleration that a change within the time h needs, if the velocities at its ends are v0 and v1.
 
     The speed is the mean speed. The acceleration is 2/3 of the largest acceleration of the cubic between the ends. From
     rest to rest, this equals a constant acceleration followed by an equal deceleration.
@@ -78,7 +78,7 @@ def _least_rates_across(change: Array, v0: Array, v1: Array, h: float) -> Array:
 
 
 _EXTENT_POINTS = 101
-"""Points of a cubic at which its extent is sought."""
+"""Number of points of a cubic at which its extent is sought."""
 
 
 def _cubic_extent(q0: Array, q1: Array, v0: Array, v1: Array, h: float) -> Array:
@@ -127,10 +127,12 @@ class Gaps:
         begins = time[rows_before]
         lengths = time[rows_before + 1] - begins
         gap_count = len(lengths)
-        longest, longest_at = 0.0, math.nan
+        longest = 0.0
+        longest_at = math.nan
         if gap_count:
             k = int(np.argmax(lengths))
-            longest, longest_at = float(lengths[k]), float(begins[k])
+            longest = float(lengths[k])
+            longest_at = float(begins[k])
         q, dq = edges
         edge_rows = gap_edges(time, threshold)
         long_gaps = []
@@ -275,7 +277,7 @@ _MAX_SIGMAS_BELOW = 6.0
 _RELATIVE_UNCERTAINTY = 0.12
 """Relative uncertainty of the excess, which depends on an estimated noise and an approximate count."""
 _GRID_POINTS = 721
-"""Points of the distribution of the largest value: 40 in a standard deviation."""
+"""Number of points of the distribution of the largest value: 40 in a standard deviation."""
 
 
 class Runs(NamedTuple):
@@ -327,7 +329,11 @@ class Runs(NamedTuple):
         maxima, number, largest, first, last, before, after = map(np.concatenate, zip(*parts, strict=True))
         starts = np.flatnonzero(np.diff(number, prepend=-1))  # parts of one run have one number
         ends = np.append(starts[1:], len(number)) - 1
-        first, last, before, after = first[starts], last[ends], before[starts], after[ends]
+        first = first[starts]
+        before = before[starts]
+        last = last[ends]
+        after = after[ends]
+        # Rows before and after a run may be the ends of its neighbours in other parts.
         before[1:] = np.where(np.isnan(before[1:]), last[:-1], before[1:])
         after[:-1] = np.where(np.isnan(after[:-1]), first[1:], after[:-1])
         largest = np.maximum.reduceat(largest, starts)

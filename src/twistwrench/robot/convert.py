@@ -78,7 +78,7 @@ def rates_to(
     *,
     acceleration_offset: AccelerationOffset,
 ) -> Iterator[Array]:
-    """Velocities dq* if dq is given, then accelerations ddq* if ddq is given, too; ``caller`` is named in messages."""
+    """Velocities dq* if dq is given, then accelerations ddq* if both are given; ``caller`` is named in messages."""
     if dq is None:
         return
     names = robot.velocity_names
@@ -98,7 +98,10 @@ def rates_from(
     *,
     acceleration_offset: AccelerationOffset,
 ) -> Iterator[Array]:
-    """Velocities and accelerations of this library from dq and ddq of the other one, as far as these are given."""
+    """Velocities dq from dq* of the other library if given, then accelerations ddq if both are given.
+
+    The arguments ``dq`` and ``ddq`` are dq* and ddq*.
+    """
     if dq is None:
         return
     P_inverse = np.linalg.pinv(P)
@@ -201,14 +204,14 @@ def _bodies_with_mujoco_joints(robot: Robot, model: Any) -> Iterator[tuple[Body,
     """Pairs of a body and MuJoCo's joint of the same name."""
     names = [_joint_name(model, joint_index) for joint_index in range(model.njnt)]
     check_names(robot, names, "MuJoCo")
-    index_by_name = {name: joint_index for joint_index, name in enumerate(names)}
+    joint_index_by_name = {name: joint_index for joint_index, name in enumerate(names)}
     for body in robot.model.bodies:
         is_at_origin = body.parent == BASE and np.array_equal(body.placement, np.eye(4))
         if not body.joint.driven and not is_at_origin:
             raise ModelError(
                 f"joint {body.joint.name!r} floats away from the world's origin; MuJoCo has no joint for that."
             )
-        yield body, model.joint(index_by_name[body.joint.name])
+        yield body, model.joint(joint_index_by_name[body.joint.name])
 
 
 def _joint_name(model: Any, joint_index: int) -> str:
@@ -217,7 +220,8 @@ def _joint_name(model: Any, joint_index: int) -> str:
         return str(model.joint(joint_index).name)
     body_index = int(model.jnt_bodyid[joint_index])
     body_name = model.body(body_index).name or f"body{body_index}"
-    kind = ("free", "ball", "slide", "hinge")[int(model.jnt_type[joint_index])]  # in the order of MuJoCo's mjtJoint
+    kinds = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
+    kind = kinds[int(model.jnt_type[joint_index])]
     number_in_body = ""
     if model.body_jntnum[body_index] > 1:
         number_in_body = str(joint_index - int(model.body_jntadr[body_index]))
@@ -301,7 +305,7 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
     require_pair(robot, model, "Pinocchio")
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _bodies_with_pinocchio_joints(robot, model):
-        permutation = np.eye(joint.nv)[list(body.joint.pinocchio_order)]
+        permutation = np.eye(joint.nv)[list(body.joint.pinocchio_order)]  # rows of the identity in Pinocchio's order
         _, v_entries = body.places
         P[joint.idx_v : joint.idx_v + joint.nv, v_entries] = body.ratio * permutation
     return P
@@ -398,7 +402,7 @@ def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
         candidate_axes = [-2, -1]
     else:
         candidate_axes = [axis]
-    existing_axes = [k for k in candidate_axes if -array.ndim <= k < array.ndim]
+    existing_axes = [k for k in candidate_axes if -array.ndim <= k < array.ndim]  # axes may be negative
     axes_of_6 = [k for k in existing_axes if array.shape[k] == 6]
     if not axes_of_6:
         raise ShapeError(f"swap_halves: rows has shape {array.shape}, and no axis of 6 where they are wanted.")
@@ -407,7 +411,8 @@ def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
             f"swap_halves: rows has shape {array.shape}, and both of the last two axes are 6 long: pass axis=-1 for "
             "twists, axis=-2 for a Jacobian."
         )
-    return np.roll(array, 3, axis=axes_of_6[0])
+    (axis_of_6,) = axes_of_6
+    return np.roll(array, 3, axis=axis_of_6)
 
 
 complete(globals())

@@ -120,7 +120,9 @@ def _task_quantity(
     if robot.nv == 0:
         robot.jacobian(arrays[0], frame, kind)  # raises the errors of invalid arguments
         batch_shape = np.broadcast_shapes(*(np.shape(array)[:-1] for array in arrays))
-        result_shape = (row_count, row_count) if name == "task_inertia" else (row_count,)
+        result_shape: tuple[int, ...] = (row_count,)
+        if name == "task_inertia":
+            result_shape = (row_count, row_count)
         return np.zeros((*batch_shape, *result_shape))
     with np.errstate(all="ignore"):  # singular configurations are recomputed below
         results, pivots = robot.engine.call(name, *arrays, frame=frame, kind=kind, rows=row_indices)
@@ -138,14 +140,14 @@ def _task_quantity(
     for array in arrays:
         full_shape = (*is_singular.shape, np.shape(array)[-1])
         arrays_at_singular.append(np.broadcast_to(np.asarray(array, float), full_shape)[is_singular])
-    q = arrays_at_singular[0]
+    q, *further_arrays = arrays_at_singular
     J = robot.jacobian(q, frame, kind)[:, row_indices]
     M = robot.mass_matrix(q)
     Lambda = ConstraintProjector.from_rows(J, M, sizes).pseudoinverse
     if name == "task_inertia":
         results[is_singular] = Lambda
     else:
-        dq = arrays_at_singular[1]
+        (dq,) = further_arrays
         M_inverse_h = np.linalg.solve(M, robot.bias_forces(q, dq)[..., None])
         dJ_dq = robot.jacobian_rate(q, dq, frame, kind)[:, row_indices] @ dq[..., None]
         eta = Lambda @ (J @ M_inverse_h - dJ_dq)  # (singular configurations, rows, 1)
@@ -182,24 +184,24 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, row_indices:
     if earlier_calls:
         return
     earlier_calls.append(True)
-    order = sorted(row_indices, key=lambda row: (row < 3, row))  # linear rows first, so that they count as independent
+    rows_in_order = sorted(row_indices, key=lambda row: (row < 3, row))  # linear rows first: they count as independent
     J, M, sizes = _samples(robot, frame, kind)
-    independent = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]
-    if len(independent) == len(row_indices):
+    kept_rows = [rows_in_order[k] for k in independent_rows(J[:, rows_in_order], M, sizes[rows_in_order])]
+    if len(kept_rows) == len(row_indices):
         return
-    immovable = [row for row in row_indices if not independent_rows(J[:, [row]], M, sizes[[row]])]
-    dependent = [row for row in row_indices if row not in independent and row not in immovable]
+    immovable_rows = [row for row in row_indices if not independent_rows(J[:, [row]], M, sizes[[row]])]
+    dependent_rows = [row for row in row_indices if row not in kept_rows and row not in immovable_rows]
     reasons = []
-    if immovable:
-        reasons.append(f"{' '.join(TWIST[k] for k in immovable)} never move")
-    if dependent:
-        reasons.append(f"the others determine {' '.join(TWIST[k] for k in dependent)}")
+    if immovable_rows:
+        reasons.append(f"{' '.join(TWIST[row] for row in immovable_rows)} never move")
+    if dependent_rows:
+        reasons.append(f"the others determine {' '.join(TWIST[row] for row in dependent_rows)}")
     advice = "this frame does not move along any of them"
-    if independent:
-        independent_names = " ".join(TWIST[k] for k in row_indices if k in independent)
-        advice = f"choose independent ones, rows={independent_names!r}"
+    if kept_rows:
+        kept_names = " ".join(TWIST[row] for row in row_indices if row in kept_rows)
+        advice = f"choose independent ones, rows={kept_names!r}"
     warnings.warn(
-        f"robot {robot.name!r}: of the {len(row_indices)} rows of {frame or robot.tip!r} ({kind!r}) only {len(independent)} "
+        f"robot {robot.name!r}: of the {len(row_indices)} rows of {frame or robot.tip!r} ({kind!r}) only {len(kept_rows)} "
         f"can move independently at any configuration: {' and '.join(reasons)}. Λ is 0 where no motion is possible, and no "
         f"inertia is defined there; {advice}.",
         ModelWarning,
@@ -211,12 +213,14 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, row_indices:
 
 
 def _make_motor_loads(*arrays: Any) -> MotorLoads:
+    """Motor loads of the arrays of a lazy result."""
     from ..mechanics.algorithms.motor_loads import MotorLoads
 
     return MotorLoads(*arrays)
 
 
 def _make_power_balance(*arrays: Any) -> PowerBalance:
+    """Power balance of the arrays of a lazy result."""
     from ..mechanics.algorithms.motor_loads import PowerBalance
 
     return PowerBalance(*arrays)
@@ -248,7 +252,7 @@ class ActuationMethods(RobotBase):
         return gear_torques, rotor_torques
 
     def _accelerate(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
-        """q̈ under torques τ; and τ minus friction for a closed robot with friction, None for all others."""
+        """Accelerations q̈ under torques τ, and τ minus friction, which is None for an open robot or without friction."""
         if not self.constraints:
             return self.open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
         from .constraints.projections import forward_dynamics

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["PlacedRobot", "RobotCell", "join"]
 
 _MIN_TIP_DISTANCE = 1e-3
-"""Difference of the entries of two poses from which the choice between their tips matters."""
+"""Difference of an entry of two tips' poses [1 or m] above which the choice between the tips matters."""
 FLOOR = "floor"
 """Frame at which parts stand side by side; made if the cell has none of this name."""
 _MAX_LISTED_NAMES = 4
@@ -104,9 +104,9 @@ class PlacedRobot:
         match = _PART_PATTERN.fullmatch(text)
         if match is None:
             raise ValueRangeError(f"the part {text!r} is not {_FORM_OF_PART}.")
-        file, frame, pose_text, prefix = match.group("file", "frame", "pose", "prefix")  # None for missing ones
+        file, frame, pose_text, prefix = match.group("file", "frame", "pose", "prefix")  # None if missing
         is_robot = Path(file).is_file() or file in known_robots()
-        if not is_robot and prefix is not None:
+        if not is_robot and prefix is not None:  # what follows the colon may be part of the path
             path_with_colon = f"{file}:{prefix}"
             if Path(path_with_colon).exists():
                 file = path_with_colon
@@ -283,34 +283,35 @@ def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> RobotCell:
             if other_tips:
                 remedy = f"name the frame, {part.file or part.robot.name}@FRAME"
                 tips_text = listed(other_tips, _MAX_LISTED_NAMES)
-                text = f"{part.robot.name} stands at {frame}, and {tips_text} is a tip too; {remedy}"
-                doubts.append(Reason(text, remedy))
+                doubt_text = f"{part.robot.name} stands at {frame}, and {tips_text} is a tip too; {remedy}"
+                doubts.append(Reason(doubt_text, remedy))
         cell = cell.attach(part.robot, frame, part.pose, prefix=part.prefix, name=cell_name)
         frames.append(frame)
-    massless = massless_links(cell.model)
-    if massless:
-        verb = "have" if len(massless) > 1 else "has"
-        doubts.append(Reason(f"{listed(massless, _MAX_LISTED_NAMES)} {verb} no mass"))
+    links_without_mass = massless_links(cell.model)
+    if links_without_mass:
+        verb = "have" if len(links_without_mass) > 1 else "has"
+        doubts.append(Reason(f"{listed(links_without_mass, _MAX_LISTED_NAMES)} {verb} no mass"))
     return RobotCell(cell, tuple(placed_robots), tuple(frames), tuple(doubts))
 
 
 def _first_robot(parts: Sequence[PlacedRobot]) -> tuple[Robot, Sequence[PlacedRobot], list[str]]:
-    """Robot to which parts are attached, these parts, and the frames of the parts that it contains.
+    """Robot to begin with, the parts to be attached to it, and a frame for each part that it contains.
 
-    The robot is the first part. It is a floor if a part needs one, or if the first part has a pose or a prefix.
+    The robot is the first part. It is a floor if a part needs one, or if the first part has a place or a prefix.
     """
-    first = parts[0]
-    if first.frame not in (None, FLOOR):
+    first_part = parts[0]
+    if first_part.frame not in (None, FLOOR):
         raise ValueRangeError(
-            f"the first part, {first.robot.name}, cannot stand at {first.frame!r}: nothing is there yet. "
+            f"the first part, {first_part.robot.name}, cannot stand at {first_part.frame!r}: nothing is there yet. "
             f"Leave the frame out, or give {FLOOR!r}."
         )
-    is_changed = first.frame is not None or first.pose is not None or bool(first.prefix)
-    needs_floor = any(part.frame == FLOOR for part in parts) and FLOOR not in first.robot.frame_names
-    if not is_changed and not needs_floor:
-        return first.robot, parts[1:], [""]
+    is_placed = first_part.frame is not None or first_part.pose is not None
+    stands_on_floor = any(part.frame == FLOOR for part in parts)
+    needs_floor = stands_on_floor and FLOOR not in first_part.robot.frame_names
+    if not (is_placed or first_part.prefix or needs_floor):
+        return first_part.robot, parts[1:], [""]  # the first part stands at the origin, not at a frame
     floor = load(f'<robot name="cell"><link name="{FLOOR}"/></robot>')
-    return floor, [replace(first, frame=FLOOR), *parts[1:]], []
+    return floor, [replace(first_part, frame=FLOOR), *parts[1:]], []
 
 
 def _placed_robot(part: PartGiven, *, degrees: bool) -> PlacedRobot:
@@ -380,13 +381,13 @@ def _tips_beside(model: Model, tip: str) -> list[str]:
 
 
 def _pose(text: str, part: str, *, degrees: bool) -> Array:
-    """Pose (4, 4) of the text x,y,z,roll,pitch,yaw or x,y,z. ``part`` is the text of the part, for messages."""
+    """Pose (4, 4) of the text x,y,z,roll,pitch,yaw, or x,y,z without rotation; ``part`` names the part in messages."""
     number_texts = text.split(",")
     if len(number_texts) not in (3, 6):
         raise ValueRangeError(
             f"the pose of {part!r} has {len(number_texts)} numbers. Give x,y,z or x,y,z,roll,pitch,yaw."
         )
-    angle_unit = math.radians(1.0) if degrees else 1.0  # [rad]
+    angle_unit = math.radians(1.0) if degrees else 1.0  # of numbers without a unit [rad]
     position = [_number(number_text, part) for number_text in number_texts[:3]]
     angle_texts = number_texts[3:] or ("0", "0", "0")
     rpy = [_angle(angle_text.strip(), part, angle_unit) for angle_text in angle_texts]
@@ -405,7 +406,7 @@ def _angle(text: str, part: str, unit: float) -> float:
 
 
 def _number(text: str, part: str) -> float:
-    """Number of a text. ``part`` is the text of the part, for messages."""
+    """Number of a text; ``part`` names the part in messages."""
     value, *_ = arguments.parse_numbers(text.strip(), f"a number of the part {part!r},", "one number", 1)
     return value
 

@@ -37,7 +37,7 @@ class Diagnosis:
 
     @property
     def noise_product(self) -> float:
-        """Product of the residual noise of moments and forces."""
+        """Product of the residual noise of moments and forces [N² m], by which explanations are compared."""
         return float(np.prod(self.fit.noise))
 
     @property
@@ -100,7 +100,7 @@ def others(sign: Sign, problem: Problem) -> list[Diagnosis]:
     Only fits with a positive mass are returned, sorted by noise.
     """
     explanations = []
-    for turn in (False, True):
+    for turn in (False, True):  # known mounting, unknown mounting
         for other_sign in get_args(Sign):
             if other_sign == sign and turn == problem.unknowns.turn:
                 continue
@@ -118,7 +118,7 @@ def indistinguishable_from_the_best(explanations: list[Diagnosis]) -> list[Diagn
     best = explanations[0]
     equal_to_best = [e for e in explanations if e is best or e.equals(best.fit, best.kept)]
     signs_with_known_mounting = {e.sign for e in equal_to_best if not e.turn}
-    return [e for e in equal_to_best if not (e.turn and e.sign in signs_with_known_mounting)]
+    return [e for e in equal_to_best if not e.turn or e.sign not in signs_with_known_mounting]
 
 
 def first_guess(problem: Problem) -> Array:
@@ -163,6 +163,8 @@ _TINY_DEVIATION = 1e-12
 """Standard deviation [N m or N] in place of 0, as a divisor."""
 _TINY_SUM = 1e-9
 """Sum of squares in place of 0, for exact data."""
+_BIAS_SIZE = 6.0
+"""Number of unknowns of a bias: three moments and three forces."""
 
 
 def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
@@ -182,8 +184,9 @@ def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
     free_sum = float(((with_free_bias.fit.residuals[rows] / scale) ** 2).sum())
     given_sum = float(((found.fit.residuals[rows] / scale) ** 2).sum())
     freedom = max(6.0 * rows.sum() - len(with_free_bias.fit.unknowns.names), 1.0)
-    limit = float(special.fdtri(6.0, freedom, 1 - SIGNIFICANCE))
-    if (given_sum - free_sum) / 6 > limit * max(free_sum, _TINY_SUM) / freedom:
+    max_F = float(special.fdtri(_BIAS_SIZE, freedom, 1 - SIGNIFICANCE))
+    explained_variance = (given_sum - free_sum) / _BIAS_SIZE
+    if explained_variance > max_F * max(free_sum, _TINY_SUM) / freedom:
         return with_free_bias
     return None
 
@@ -196,11 +199,13 @@ def swap_forces_and_moments(problem: Problem, reference: Diagnosis) -> Diagnosis
     """Fit with forces and moments exchanged, if significantly better than the reference; else None."""
     swapped_log = replace(problem.log, readings=problem.log.readings[:, _SWAP])
     noise = None if problem.noise is None else problem.noise[_SWAP]
-    problem = replace(problem, log=swapped_log, bias=problem.bias[_SWAP], within=problem.within[_SWAP], noise=noise)
+    swapped_problem = replace(
+        problem, log=swapped_log, bias=problem.bias[_SWAP], within=problem.within[_SWAP], noise=noise
+    )
     reference_fit: Fit = replace(reference.fit, residuals=reference.fit.residuals[:, _SWAP])
     better_explanations = []
     for sign in get_args(Sign):
-        explanation = explain(sign, problem.with_unknowns(turn=False))
+        explanation = explain(sign, swapped_problem.with_unknowns(turn=False))
         if explanation is None or explanation.mass <= 0:
             continue
         if explanation.improves(reference_fit):

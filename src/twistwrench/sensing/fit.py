@@ -33,6 +33,10 @@ MIN_CLUSTERS = 6
 """Number of clusters below which the three channels of a kind share a variance."""
 MIN_NOISE_RATIO = 1e-3
 """Smallest ratio of a channel's excess variance to the largest of its kind, as a ratio of standard deviations."""
+_FIRST_MOMENT_NOISE = 0.03
+"""Initial guess of the standard deviation of moments [N m]."""
+_FIRST_FORCE_NOISE = 1.0
+"""Initial guess of the standard deviation of forces [N]."""
 _MIN_READING = 1e-3
 """Size [N m or N] that is added to the largest reading, so that rounding errors of zeros are not zero."""
 _ROUNDING_SHARE = 1e-13
@@ -152,7 +156,8 @@ class Fit:
     def com_deviation(self) -> Array:
         """Standard deviations (3,) of the centre of mass c = h / m [m], to first order: dc = (dh - c dm) / m."""
         mass_and_moment = slice(self.unknowns.load.start, self.unknowns.load.start + 4)
-        x, C = self.estimate[mass_and_moment], self.covariance[mass_and_moment, mass_and_moment]  # (m, h)
+        x = self.estimate[mass_and_moment]  # (m, h)
+        C = self.covariance[mass_and_moment, mass_and_moment]
         D = np.hstack([-(x[1:] / x[0])[:, None], np.eye(3)]) / x[0]
         return np.asarray(np.sqrt(np.diag(D @ C @ D.T)))
 
@@ -176,7 +181,8 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
     mean square of the residuals equal to v, corrected for the degrees of freedom. Variances, weights and the state change
     from one iteration to the next.
     """
-    unknowns, log = problem.unknowns, problem.log
+    unknowns = problem.unknowns
+    log = problem.log
     target = problem.target
     t = log.clock
     nonlinear = unknowns.nonlinear_columns
@@ -187,7 +193,7 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
     rounding_error = _ROUNDING_SHARE * (np.abs(target).max() + _MIN_READING)
     min_variance = np.maximum(_MIN_SHARE_OF_OWN_VARIANCE * own_variance, rounding_error**2)
     if problem.noise is None:
-        v = np.tile(np.repeat([0.03**2, 1.0], 3), (len(log), 1))  # initial guess: 0.03 N m and 1 N
+        v = np.tile(np.repeat([_FIRST_MOMENT_NOISE**2, _FIRST_FORCE_NOISE**2], 3), (len(log), 1))
     else:
         v = problem.noise**2 * inverse_count
     freedom = np.full(6, math.inf)
@@ -203,14 +209,17 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
         root_weight = np.sqrt(used_weight)[:, None] / np.sqrt(v)
         x, covariance_root, Q = orthogonal_fit(A, target, root_weight, unknowns.scales)
         residuals = target - A @ x
-        last_v, last_weight = v, weight
+        last_v = v
+        last_weight = weight
         if problem.noise is None:
             tau, freedom = _excess_variance(residuals, Q, v, used_weight, keep, own_variance, groups, huber=huber)
             v = np.maximum(tau + own_variance, min_variance)
         if huber:
             scaled_distance = np.sqrt(np.mean(residuals**2 / v, axis=1))
             weight = keep * huber_weights(scaled_distance, _HUBER_LIMIT)
-        change = max(float(np.abs(v / last_v - 1.0).max()), float(np.abs(weight - last_weight).mean()))
+        variance_change = float(np.abs(v / last_v - 1.0).max())
+        weight_change = float(np.abs(weight - last_weight).mean())
+        change = max(variance_change, weight_change)
         if nonlinear.size:
             state = unknowns.next_state(state, log, x)
             change = max(change, float(np.abs(x[nonlinear]).max()))

@@ -70,7 +70,8 @@ class LinkCapsules:
     @classmethod
     def from_solids(cls, robot: Robot, solids: Sequence[Sequence[Solid]], lacking: Sequence[str] = ()) -> LinkCapsules:
         """Build capsules around the shapes of each link; assume them for bodies with a link in ``lacking``."""
-        names, frames = robot.link_names, robot.model.frames
+        names = robot.link_names
+        frames = robot.model.frames
         capsules: list[tuple[int, Array, float]] = []
         described_bodies = set()
         for k, (name, own_solids) in enumerate(zip(names, solids, strict=True)):
@@ -253,7 +254,8 @@ def _capsule_of(solid: Solid) -> tuple[Array, float]:
         if shape.kind == "capsule":
             _, length = shape.sizes
             half_length = 0.5 * length
-        centre, z_axis = shape.pose[:3, 3], shape.pose[:3, 2]
+        centre = shape.pose[:3, 3]
+        z_axis = shape.pose[:3, 2]
         to_end = z_axis * half_length
         return centre + np.array([-to_end, to_end]), shape.sizes[0]
     ends, radius = capsule_around(solid.points)
@@ -385,7 +387,8 @@ class CapsuleDistances:
         if itself:
             pairs = capsules.separable_pairs(robot)
         q = robot.random_configuration(0, _SAMPLED_CONFIGURATIONS)
-        no_indices, no_margins = np.zeros(0, int), np.zeros(0)
+        no_indices = np.zeros(0, int)
+        no_margins = np.zeros(0)
         all_pairs = cls(robot, capsules, pairs, no_indices, None, no_margins, itself)
         distances, _ = all_pairs.evaluate(q)
         always_near = (distances < MARGIN).mean(axis=0) >= ALWAYS
@@ -437,7 +440,8 @@ class CapsuleDistances:
         distances = np.sqrt(_dot(d, d)) - sphere_radii[i] - sphere_radii[j]
         fractions = np.full((2, len(q), pair_count), 0.5)  # of the nearest points along both segments
         rows, pair = np.nonzero(distances < near)  # a row is a configuration
-        a, b = ends[:, :, rows, i[pair]], ends[:, :, rows, j[pair]]
+        a = ends[:, :, rows, i[pair]]
+        b = ends[:, :, rows, j[pair]]
         s, t = nearest_points(a, b)
         fractions[:, rows, pair] = s, t
         d = b[0] + t * (b[1] - b[0]) - a[0] - s * (a[1] - a[0])
@@ -451,7 +455,8 @@ class CapsuleDistances:
             rows, pair = np.nonzero(weights[:, :pair_count])
             a, b = ends[:, :, rows, i[pair]], ends[:, :, rows, j[pair]]
             s, t = fractions[:, rows, pair]
-            p_a, p_b = a[0] + s * (a[1] - a[0]), b[0] + t * (b[1] - b[0])  # nearest points
+            p_a = a[0] + s * (a[1] - a[0])  # nearest points
+            p_b = b[0] + t * (b[1] - b[0])
             length = np.maximum(np.linalg.norm(p_b - p_a, axis=0), _MIN_DISTANCE)
             n = (p_b - p_a) * weights[rows, pair] / length
             # Columns after the pairs are heights: of the first ends of all capsules above, then of the second ends.

@@ -67,7 +67,7 @@ class Surface:
         if len(self.faces) <= most:
             return self
         if len(self.faces) <= _MAX_FACES_OF_SOLID:
-            dtypes = self.vertices.dtype, self.faces.dtype
+            dtypes = (self.vertices.dtype, self.faces.dtype)
             return _decimated_solid(self.vertices.tobytes(), self.faces.tobytes(), dtypes, most)
         return self._decimated(most)
 
@@ -90,7 +90,8 @@ class Surface:
         sides = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), axis=1)
         # an edge of the vertices a and b is the number a n + b
         edge_numbers, face_counts = np.unique(sides @ np.array([n, 1]), return_counts=True)
-        a, b = edge_numbers // n, edge_numbers % n
+        a = edge_numbers // n
+        b = edge_numbers % n
         on_border = np.zeros(n, bool)
         on_border[a[face_counts == 1]] = True
         on_border[b[face_counts == 1]] = True
@@ -106,7 +107,8 @@ class Surface:
         errors = np.where(collapsible, self._collapse_errors(a, b, targets), np.inf)
         candidate_count = max(int(collapsible.sum()) // 2, 1)
         candidates = np.argsort(errors, kind="stable")[:candidate_count]  # edges, the smallest error first
-        ends, other_ends = np.r_[a, b], np.r_[b, a]
+        ends = np.r_[a, b]
+        other_ends = np.r_[b, a]
         touching = coo_array((np.ones(len(ends), np.int8), (ends, other_ends)), shape=(n, n)).tocsr()
         touches_both_ends = touching[a[candidates]] * touching[b[candidates]]  # (candidates, n)
         shared_counts: Array = np.asarray(touches_both_ends.sum(axis=1)).ravel()
@@ -116,10 +118,11 @@ class Surface:
         neighbours = np.split(touching.indices, touching.indptr[1:-1])  # of each vertex
         blocked = np.zeros(n, bool)  # vertices near a collapsed edge
         for edge in candidates.tolist():
-            first, second = a[edge], b[edge]
-            if not (blocked[first] or blocked[second]):
-                blocked[neighbours[first]] = True
-                blocked[neighbours[second]] = True
+            vertex_a = a[edge]
+            vertex_b = b[edge]
+            if not (blocked[vertex_a] or blocked[vertex_b]):
+                blocked[neighbours[vertex_a]] = True
+                blocked[neighbours[vertex_b]] = True
                 edges_to_collapse.append(edge)
                 if len(edges_to_collapse) == max_collapses:
                     break
@@ -157,19 +160,18 @@ class Surface:
         faces = self.faces
         count = len(faces)
         normals = self.normals_of_faces()
-        # Sides of all faces, from vertex a to b, with the numbers of the corners at their ends. They are sorted by their
+        # Sides of all faces, with the numbers of the corners at their ends, turned so that a < b. They are sorted by their
         # vertices so that the two sides of an edge are adjacent.
         corner = np.arange(3 * count).reshape(count, 3)
-        a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-        corner_at_a, corner_at_b = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
-        swap = a > b
-        a, b = np.where(swap, b, a), np.where(swap, a, b)
-        corner_at_a, corner_at_b = (
-            np.where(swap, corner_at_b, corner_at_a),
-            np.where(swap, corner_at_a, corner_at_b),
-        )
+        begin, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+        corner_at_begin, corner_at_end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
+        swap = begin > end
+        a = np.where(swap, end, begin)
+        b = np.where(swap, begin, end)
+        corner_at_a = np.where(swap, corner_at_end, corner_at_begin)
+        corner_at_b = np.where(swap, corner_at_begin, corner_at_end)
         order = np.lexsort((b, a))
-        side, other_side = order[:-1], order[1:]
+        side, other_side = order[:-1], order[1:]  # neighbours in this order
         same_edge = (a[side] == a[other_side]) & (b[side] == b[other_side])
         side, other_side = side[same_edge], other_side[same_edge]
         normal, other_normal = normals[side // 3], normals[other_side // 3]  # three sides belong to a face
@@ -382,8 +384,8 @@ class Decimation:
             row, column = np.nonzero(values == extremes[bin_number])
             # Of several rows with the extreme value of a bin and column, the first is kept.
             bin_and_column = bin_number[row] * values.shape[1] + column
-            _, first = np.unique(bin_and_column, return_index=True)
-            is_extreme[row[first]] = True
+            _, first_of_equal = np.unique(bin_and_column, return_index=True)
+            is_extreme[row[first_of_equal]] = True
         are_neighbours = np.diff(self._indices) == 1
         keep = (self._indices % self._step == 0) | is_extreme
         keep[1:] |= is_extreme[:-1] & are_neighbours

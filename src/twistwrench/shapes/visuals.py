@@ -86,7 +86,7 @@ class _SurfaceReader:
 
     def _scaled_mesh(self, shape: ShapeSpec) -> _Parts:
         """Surfaces of a mesh under the scale of the shape; shapes with equal mesh and scale share them."""
-        key = shape.mesh, shape.sizes
+        key = (shape.mesh, shape.sizes)
         if key not in self.scaled_meshes:
             parts = self._mesh(shape.mesh)
             self.scaled_meshes[key] = [(surface.scaled(shape.sizes), colour) for surface, colour in parts]
@@ -106,14 +106,16 @@ class _SurfaceReader:
         """At most two sentences: one about meshes, one about other problems."""
         remarks = []
         if self.mesh_problems:
-            name, problem = next(iter(self.mesh_problems.items()))
+            first_mesh, problem = next(iter(self.mesh_problems.items()))
             mesh_count = len({mesh for mesh, _ in self.scaled_meshes})
             remarks.append(
-                f"{len(self.mesh_problems)} of {mesh_count} meshes cannot be drawn, for example {name}: it {problem}. "
+                f"{len(self.mesh_problems)} of {mesh_count} meshes cannot be drawn, for example {first_mesh}: it {problem}. "
                 "Bodies left without one are drawn from their inertia"
             )
         if self.shape_problems:
             first_problem, *others = self.shape_problems.values()
-            more = f", and {len(others)} more" if others else ""
-            remarks.append(f"Not shown of the file's appearance: {first_problem.rstrip('.')}{more}")
+            remark = f"Not shown of the file's appearance: {first_problem.rstrip('.')}"
+            if others:
+                remark += f", and {len(others)} more"
+            remarks.append(remark)
         return remarks

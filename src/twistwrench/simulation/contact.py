@@ -151,7 +151,7 @@ class RobotContact(ABC):
             tau, depths = self._kernel(q, dq, *self.parts.values())
             return tau, depths
         tau_of_parts, depths = self._kernel(q[..., None, :], dq[..., None, :], *self.parts.values())
-        return tau_of_parts.sum(axis=-2), depths[..., 0]
+        return tau_of_parts.sum(axis=-2), depths[..., 0]  # each part has one depth
 
     def gap(self, q: Array) -> float:
         """Gap of the nearest point or joint [m or rad], negative if it penetrates."""
@@ -189,7 +189,7 @@ class PlaneContact(RobotContact):
         points = np.asarray(plane.points)
         law = np.array((plane.height, plane.stiffness, plane.dissipation, plane.friction, plane.slip), float)
         numbers = {"points": points.ravel(), "normal": np.asarray(plane.normal), "law": law}
-        key = plane.frame, plane.exponent
+        key = (plane.frame, plane.exponent)
         super().__init__(robot, f"{plane.frame} touches the plane", key, len(points), numbers, points=points)
         self.plane = plane
 
@@ -205,11 +205,13 @@ class PlaneContact(RobotContact):
         _, depths = self.torques_and_depths(q, np.zeros(self.robot.nv))
         deepest = int(depths.argmax())
         depth = max(float(depths[deepest]), 0.0)
-        weight = sum(b.inertia.mass for b in model.bodies) * np.linalg.norm(model.gravity)
-        allowed_force = max(MAX_WEIGHTS_ON_POINT * float(weight), MIN_FORCE)
-        if not plane.stiffness * depth**plane.exponent > allowed_force:
+        mass = sum(b.inertia.mass for b in model.bodies)
+        weight = float(mass * np.linalg.norm(model.gravity))
+        allowed_force = max(MAX_WEIGHTS_ON_POINT * weight, MIN_FORCE)
+        force_at_start = plane.stiffness * depth**plane.exponent
+        if not force_at_start > allowed_force:
             return ""
-        # Energy of a point: integral of k dⁿ from 0 to its depth.
+        # Energy of all points: for each, the integral of k dⁿ from 0 to its depth.
         penetrations = np.maximum(depths, 0.0)
         energy = float(plane.stiffness * (penetrations ** (plane.exponent + 1)).sum() / (plane.exponent + 1))
         x, y, z = np.asarray(plane.points)[deepest]
@@ -226,7 +228,7 @@ class StopContact(RobotContact):
     def __init__(self, robot: Robot, stops: JointStops) -> None:
         limits = robot.limits
         body_by_joint = {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
-        has_limit = np.isfinite(limits.lower) | np.isfinite(limits.upper)
+        has_limit = np.isfinite(limits.lower) | np.isfinite(limits.upper)  # (nv,)
         names = tuple(body_by_joint) if stops.joints is None else stops.joints
         indices = []  # in q and in dq
         for name in names:

@@ -313,7 +313,8 @@ class EventDetector:
                 events.append(Happening(self._name(k), t + s, q.copy(), dq.copy()))
                 if k >= len(self.events) or self.events[k].terminal:
                     return events, s
-            self.last_values, self.margins = values, margins
+            self.last_values = values
+            self.margins = margins
             s0 = s1
         return events, None
 
@@ -367,7 +368,8 @@ class EventDetector:
         """
         from scipy.optimize import brentq
 
-        (s0, g0), (s1, g1) = left, right
+        s0, g0 = left
+        s1, g1 = right
         level = 0.0  # value of g at the event
         if self.limits is not None and k >= len(self.events):
             level = self.limits.event_margin(k - len(self.events), g0)

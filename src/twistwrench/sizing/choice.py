@@ -244,7 +244,8 @@ class SizingProblem:
             return sized_gear(gear, cycle, self.life, emergency, weighs=self.add_masses)
 
         cycle, *likely_cycles = cycles
-        motor_use, gear_use = motor_in(cycle), gear_in(cycle)
+        motor_use = motor_in(cycle)
+        gear_use = gear_in(cycle)
         max_share = max(motor_use.tightest.share, gear_use.tightest.share)
         if likely_cycles and max_share < _MAX_SHARE_FOR_NOISE:
             motor_draws = [motor_in(likely_cycle).demands for likely_cycle in likely_cycles]
@@ -424,15 +425,21 @@ class Sizing(Answer):
             for joint in self.joints.values():
                 for kind, part in joint._parts:
                     for demand in part.demands:
-                        limit, share = _finite_or_none(demand.limit), _finite_or_none(demand.share)
-                        names = joint.joint, kind, part.name
+                        limit = _finite_or_none(demand.limit)
+                        share = _finite_or_none(demand.share)
+                        names = (joint.joint, kind, part.name)
                         table.row([*names, demand.what, demand.value, limit, demand.unit, share])
         return Path(path)
 
     @property
     def _joints_by_share(self) -> list[SizedJoint]:
         """Joints by the largest share of a limit, largest first."""
-        return sorted(self.joints.values(), key=lambda joint: -joint.tightest[1].share)
+
+        def largest_share(joint: SizedJoint) -> float:
+            _, demand = joint.tightest
+            return demand.share
+
+        return sorted(self.joints.values(), key=largest_share, reverse=True)
 
     @property
     def mass(self) -> float:
@@ -602,7 +609,7 @@ def drive_joints(robot: Robot, catalog: Catalog) -> tuple[str, ...]:
     revolute_joints: list[str] = []
     for body in robot.model.leaders:
         joint = body.joint
-        if joint.nv == 1 and joint.turning[0] and joint.driven:
+        if joint.nv == 1 and all(joint.turning) and joint.driven:
             revolute_joints.append(joint.name)
     names = tuple(catalog.drives) or tuple(revolute_joints)
     for name in names:
@@ -703,20 +710,20 @@ def _smallest_drive(
         trials.append(trial)
         if trial.sure:
             break
-    fitting = [k for k, trial in enumerate(trials) if trial.fits]  # indices of trials
-    if not fitting:
+    fitting_indices = [k for k, trial in enumerate(trials) if trial.fits]
+    if not fitting_indices:
         return Chosen(joint, None, None)
     rivals: list[Pair] = []
-    chosen = fitting[0]
-    if trials[-1].sure:
-        chosen = fitting[-1]
-        rivals = [trials[k].drive for k in fitting[:-1] if not trials[k].missing]
+    chosen_index = fitting_indices[0]
+    if trials[-1].sure:  # the last trial, which also fits
+        *rival_indices, chosen_index = fitting_indices
+        rivals = [trials[k].drive for k in rival_indices if not trials[k].missing]
     smaller = None
-    if chosen > 0:
-        next_smaller = trials[chosen - 1]
+    if chosen_index > 0:
+        next_smaller = trials[chosen_index - 1]
         reasons = next_smaller.excess or next_smaller.open or next_smaller.missing
-        smaller = next_smaller.drive, reasons[0]
-    return Chosen(joint, trials[chosen].drive, smaller, tuple(rivals))
+        smaller = (next_smaller.drive, reasons[0])
+    return Chosen(joint, trials[chosen_index].drive, smaller, tuple(rivals))
 
 
 def drive_name(pair: Pair) -> str:

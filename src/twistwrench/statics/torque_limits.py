@@ -33,9 +33,9 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint of the robot has a limit.
     """
     names = require_robot(robot, "statics").model.drive_names
-    given_or_own = robot.limits.effort if limits is None else limits
+    chosen_limits = robot.limits.effort if limits is None else limits
     try:
-        effort = arguments.one(given_or_own, "limits", robot.nv, names=names).copy()
+        effort = arguments.one(chosen_limits, "limits", robot.nv, names=names).copy()  # changed below
     except ShapeError as problem:
         listed = ", ".join(names[:_MAX_LISTED_NAMES])
         if len(names) > _MAX_LISTED_NAMES:
@@ -49,8 +49,9 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     for motor, actuator in robot.actuators.items():
         joint = actuator.joint
         if motor != joint and joint in v_indices:  # an elastic joint, whose motor has a coordinate of its own
-            k = v_indices[joint]
-            effort[k] = min(effort[k], effort[v_indices[motor]])
+            joint_entry = v_indices[joint]
+            motor_limit = effort[v_indices[motor]]
+            effort[joint_entry] = min(effort[joint_entry], motor_limit)
     is_invalid = ~(effort >= 0)  # negative or NaN
     if is_invalid.any():
         first_invalid = int(np.flatnonzero(is_invalid)[0])
@@ -77,7 +78,11 @@ def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, Ar
     require_robot(robot, "statics")
     tau = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
     motors_of_elastic_joints = {name for name, actuator in robot.actuators.items() if name != actuator.joint}
-    transmissions = [s for s in robot.model.springs if not motors_of_elastic_joints.isdisjoint(dict(s.terms))]
+    transmissions = []  # springs between a motor and its joint
+    for spring in robot.model.springs:
+        joints_of_spring = {joint for joint, _ in spring.terms}
+        if motors_of_elastic_joints & joints_of_spring:
+            transmissions.append(spring)
     if not transmissions:
         return tau
     displacement = np.asarray(robot.subtract(q, robot.neutral))
@@ -101,7 +106,9 @@ def floating_entries(robot: Robot) -> Array:
 def span(values: Array) -> str:
     """Text of the minimum and maximum of an array, and the number of NaN values."""
     known_values = values[~np.isnan(values)]
-    text = f"{number(known_values.min())} to {number(known_values.max())}" if known_values.size else "none known"
+    text = "none known"
+    if known_values.size:
+        text = f"{number(known_values.min())} to {number(known_values.max())}"
     unknown_count = values.size - known_values.size
     if unknown_count:
         text += f"; {unknown_count} unknown, as q is not a number there"
@@ -158,14 +165,15 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
     s_if_unloaded = np.where(starts_within, np.inf, -np.inf)
     largest_s = np.where(is_loaded, (limits - signed_start) / divisor, s_if_unloaded)
     least_s = np.where(is_loaded, (-limits - signed_start) / divisor, -s_if_unloaded)
-    joint = np.argmin(largest_s, axis=-1)[..., None]
-    most = np.take_along_axis(largest_s, joint, axis=-1)[..., 0]
-    side = np.take_along_axis(np.where(step > 0, 1, -1), joint, axis=-1)[..., 0]
+    joint = np.argmin(largest_s, axis=-1)
+    most = largest_s.min(axis=-1)
+    sides = np.where(step > 0, 1, -1)  # of each joint
+    side = np.take_along_axis(sides, joint[..., None], axis=-1)[..., 0]
     is_unbounded = ~np.isfinite(most)
     return Growth(
         least=least_s.max(axis=-1),
         most=most,
         per_joint=largest_s,
-        joint=np.where(is_unbounded, -1, joint[..., 0]),
+        joint=np.where(is_unbounded, -1, joint),
         side=np.where(is_unbounded, 0, side),
     )

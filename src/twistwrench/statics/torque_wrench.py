@@ -121,7 +121,7 @@ def wrench_from_torques(
 
     Returns
     -------
-    found : TorqueWrench, ``wrench`` (6,) and its company
+    found : TorqueWrench, ``wrench`` (6,), and what the torques do not determine
 
     Examples
     --------
@@ -178,14 +178,17 @@ def _equilibrate(J: Array) -> tuple[int, Array, Array, Array, Array]:
     rotation = np.linalg.norm(J[:3], axis=0)  # of each joint
     translation = np.linalg.norm(J[3:], axis=0)
     turns = rotation > 0
-    longest_lever = np.max(translation[turns] / rotation[turns], initial=0.0) or 1.0
+    longest_lever = np.max(translation[turns] / rotation[turns], initial=0.0)  # [m]
+    if longest_lever == 0.0:  # no revolute joint moves the frame's origin
+        longest_lever = 1.0
     row_scale = np.array([longest_lever] * 3 + [1.0] * 3)
     effects = np.linalg.norm(row_scale[:, None] * J, axis=0)  # of the joints on the frame
-    largest_effect = effects.max(initial=0.0)
+    largest_effect = effects.max(initial=0.0)  # 0 if no joint moves the frame
     has_effect = effects > RANK_TOLERANCE**1.5 * largest_effect  # far below the rank tolerance: only rounding errors
     column_scale = 1.0 / np.where(has_effect, effects, largest_effect or 1.0)
-    U, s, Vt = np.linalg.svd(row_scale[:, None] * J * column_scale)
-    rank = int(np.sum(s > RANK_TOLERANCE * s.max(initial=0.0)))
+    U, singular_values, Vt = np.linalg.svd(row_scale[:, None] * J * column_scale)
+    is_nonzero = singular_values > RANK_TOLERANCE * singular_values.max(initial=0.0)
+    rank = int(np.sum(is_nonzero))
     return rank, U, Vt, row_scale, column_scale
 
 
@@ -193,9 +196,9 @@ def _sparse_basis(B: Array) -> Array:
     """Sparse basis (n, k) of the space of the columns B (n, k) by elimination; the largest entry of each column is 1."""
     rows = B.T.copy()
     for k in range(len(rows)):
-        remaining_rows = np.abs(rows[k:])
-        largest_entry = int(np.argmax(remaining_rows))  # the pivot
-        row_after_k, column = np.unravel_index(largest_entry, remaining_rows.shape)
+        remaining_entries = np.abs(rows[k:])
+        pivot_index = int(np.argmax(remaining_entries))
+        row_after_k, column = np.unravel_index(pivot_index, remaining_entries.shape)
         pivot_row = k + int(row_after_k)
         rows[[k, pivot_row]] = rows[[pivot_row, k]]
         rows[k] /= rows[k, column]
@@ -206,7 +209,8 @@ def _sparse_basis(B: Array) -> Array:
     rows[np.abs(rows) < _MAX_ROUNDING] = 0.0
     if not rows.size:
         return rows.T
-    peaks = rows[np.arange(len(rows)), np.argmax(np.abs(rows), axis=1)]
+    peak_columns = np.argmax(np.abs(rows), axis=1)
+    peaks = rows[np.arange(len(rows)), peak_columns]  # largest entry of each row, with its sign
     return (rows / peaks[:, None]).T
 
 

@@ -27,7 +27,7 @@ class JointPath:
     """Joint path q(s) with dq/ds and d²q/ds², from :func:`joint_line`, :func:`spline` or :func:`follow_poses`."""
 
     name: str
-    """Description as text."""
+    """Kind of the path, such as ``spline``."""
     coordinates: Callable[[Array], tuple[Array, Array, Array]]
     """Function that returns q, dq/ds and d²q/ds² at s (m,), (m, n) each."""
     knots: Array = field(default_factory=lambda: np.array([0.0, 1.0]))
@@ -103,7 +103,7 @@ def spline(
     with np.errstate(over="ignore"):  # infinite distances are rejected below
         distances = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if (distances == 0).any() and times is None:
-        k = int(np.flatnonzero(distances == 0)[0])
+        k = int(np.flatnonzero(distances == 0)[0])  # first waypoint of the first such pair
         raise ValueRangeError(f"waypoints {k} and {k + 1} are the same place. Leave one of them out.")
     if arguments.number(degree, "degree") not in (3, 5):
         raise ValueRangeError(f"degree is {degree!r}: choose 3 or 5.")
@@ -129,7 +129,7 @@ def spline(
             raise ShapeError(f"times has shape {instants.shape}: give {len(points)}, one for each waypoint [s].")
         does_not_rise = np.diff(instants) <= 0
         if does_not_rise.any():
-            k = int(np.flatnonzero(does_not_rise)[0])
+            k = int(np.flatnonzero(does_not_rise)[0])  # the first one
             raise ValueRangeError(
                 f"times has {printed(instants[k + 1])} after {printed(instants[k])}, at waypoint {k + 1}: give rising times "
                 "[s], waypoints in that order."
@@ -144,7 +144,7 @@ def spline(
             rates = arguments.one(rates, "velocities", len(points), robot.nv)
             curve = CubicHermiteSpline(knots, points, rates * T)  # dq/ds = dq/dt T
     dq_ds, d2q_ds2 = curve.derivative(1), curve.derivative(2)
-    return JointPath("spline", lambda s: (curve(s), dq_ds(s), d2q_ds2(s)), knots, curve.derivative(3))
+    return JointPath("spline", lambda s: (curve(s), dq_ds(s), d2q_ds2(s)), knots, third=curve.derivative(3))
 
 
 def require_path(path: Any, what: str) -> JointPath:
@@ -249,32 +249,36 @@ def follow_poses(
             f"tolerance is {printed(max_deviation)}: give how far the frame may be off [m, rad], {_MIN_TOLERANCE} or more."
         )
     poses_at = _checked_poses_function(poses)
-    (gap,) = twist_left(robot.forward_kinematics(q0, frame)[None], poses_at(np.zeros(1)), _ALL_ROWS)
-    if np.abs(gap).max() > _MAX_START_ERROR:
-        distance, angle = np.linalg.norm(gap[3:]), np.linalg.norm(gap[:3])
+    first_pose = poses_at(np.zeros(1))
+    (start_error,) = twist_left(robot.forward_kinematics(q0, frame)[None], first_pose, _ALL_ROWS)  # (6,)
+    if np.abs(start_error).max() > _MAX_START_ERROR:
+        distance = np.linalg.norm(start_error[3:])
+        angle = np.linalg.norm(start_error[:3])
         raise ValueRangeError(
             f"at q0 the frame is {printed(distance, 3)} m and {printed(angle, 3)} rad "
             "from where the path begins. Take robot.inverse_kinematics(T).q of its first pose, or begin it at "
             "robot.forward_kinematics(q0)."
         )
-    n = _FIRST_INTERVALS
+    interval_count = _FIRST_INTERVALS
     while True:
-        s = np.linspace(0.0, 1.0, n + 1)
+        s = np.linspace(0.0, 1.0, interval_count + 1)
         q, failure = _solve_poses(robot, poses_at(s), q0, frame)
         is_complete = len(q) == len(s)
-        if not is_complete and n < _MAX_INTERVALS_AFTER_FAILURE and "limit" not in failure:
-            n *= 4  # a smaller spacing may succeed, except at a limit of a joint
+        may_be_refined = interval_count < _MAX_INTERVALS_AFTER_FAILURE
+        if not is_complete and may_be_refined and "limit" not in failure:
+            interval_count *= 4  # a smaller spacing may succeed, except at a limit of a joint
             continue
-        s = s[: len(q)]
+        s = s[: len(q)]  # of the solved points
         if not is_complete and len(q) < _MIN_PARTIAL_POINTS:
             raise PathError(f"the path of poses ends at s = {printed(s[-1], 4)}: {failure}.", reached=float(s[-1]))
         path = _spline(s / s[-1], q, 0.0)
-        middles = 0.5 * (s[1:] + s[:-1])
-        q_at_middles, _, _ = path(middles / s[-1])
-        errors = twist_left(robot.forward_kinematics(q_at_middles, frame), poses_at(middles), _ALL_ROWS)
-        distances, angles = np.linalg.norm(errors[:, 3:], axis=1), np.linalg.norm(errors[:, :3], axis=1)
+        s_at_middles = 0.5 * (s[1:] + s[:-1])  # of the intervals
+        q_at_middles, _, _ = path(s_at_middles / s[-1])
+        errors = twist_left(robot.forward_kinematics(q_at_middles, frame), poses_at(s_at_middles), _ALL_ROWS)
+        distances = np.linalg.norm(errors[:, 3:], axis=1)
+        angles = np.linalg.norm(errors[:, :3], axis=1)
         deviation = float(max(distances.max(), angles.max()))
-        if not is_complete and (deviation <= max_deviation or n >= _MAX_INTERVALS_AFTER_FAILURE):
+        if not is_complete and (deviation <= max_deviation or not may_be_refined):
             raise PathError(
                 f"the path of poses ends at s = {printed(s[-1], 4)}: {failure}.",
                 reached=float(s[-1]),
@@ -282,14 +286,15 @@ def follow_poses(
             )
         if deviation <= max_deviation:
             return _spline(s, q, deviation)
-        n *= 2
-        if n > _MAX_INTERVALS:
+        interval_count *= 2
+        if interval_count > _MAX_INTERVALS:
             k = int(np.linalg.norm(errors, axis=1).argmax())
+            s_at_worst = float(s_at_middles[k])
             raise PathError(
-                f"between {n // 2} places the frame is still {printed(deviation, 3)} off at s = {printed(middles[k], 4)}: "
-                "the path bends there, or the arm is near a singular configuration. Round the path off, or allow more with "
-                "tolerance=.",
-                reached=float(middles[k]),
+                f"between {interval_count // 2} places the frame is still {printed(deviation, 3)} off at s = "
+                f"{printed(s_at_worst, 4)}: the path bends there, or the arm is near a singular configuration. Round "
+                "the path off, or allow more with tolerance=.",
+                reached=s_at_worst,
                 partial=_spline(s, q, deviation),
             )
 
@@ -324,7 +329,8 @@ def _spline(s: Array, q: Array, deviation: float) -> JointPath:
     from scipy.interpolate import make_interp_spline
 
     curve = make_interp_spline(s, q, k=5)
-    dq_ds, d2q_ds2 = curve.derivative(1), curve.derivative(2)
+    dq_ds = curve.derivative(1)
+    d2q_ds2 = curve.derivative(2)
     return JointPath(
         "path of poses", lambda s: (curve(s), dq_ds(s), d2q_ds2(s)), third=curve.derivative(3), deviation=deviation
     )
@@ -362,7 +368,7 @@ def _newton(robot: Robot, target: Array, q: Array, last_q: Array, frame: str | N
     """
     names, limits = robot.joint_names, robot.limits
     for _ in range(_MAX_NEWTON_STEPS):
-        (e,) = twist_left(robot.forward_kinematics(q, frame)[None], target[None], _ALL_ROWS)
+        (e,) = twist_left(robot.forward_kinematics(q, frame)[None], target[None], _ALL_ROWS)  # pose error (6,)
         if np.abs(e).max() <= _MAX_POSE_ERROR:
             break
         q = q + np.linalg.pinv(robot.jacobian(q, frame), rcond=_MIN_SINGULAR_SHARE) @ e
@@ -384,7 +390,9 @@ def _newton(robot: Robot, target: Array, q: Array, last_q: Array, frame: str | N
 def _reason_without_solution(J: Array) -> str:
     """Reason why no configuration has the next pose, from the Jacobian at the last configuration."""
     singular_values = np.linalg.svd(J, compute_uv=False)
-    smallest = float(singular_values[5]) if len(singular_values) >= 6 else 0.0  # fewer than six joints: always singular
+    smallest = 0.0  # with fewer than six joints, J is always singular
+    if len(singular_values) >= 6:
+        smallest = float(singular_values[5])
     if smallest >= _MIN_SINGULAR_VALUE_RATIO * float(singular_values[0]):
         return "the next pose is out of reach on this branch"
     return (

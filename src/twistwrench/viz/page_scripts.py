@@ -29,7 +29,7 @@ _STYLE_REPLACEMENTS = (("; }", "}"), (" { ", "{"), ("; ", ";"), (": ", ":"), (",
 """Replacements that shorten a style sheet: text, shorter text."""
 _STRICT_MODE = '"use strict";'
 _COMMENT = re.compile(r"^(.*?)(?:^|\s)//(?:\s.*)?$")
-"""Line with ``//`` at its start or after a space; the group is the text before it."""
+"""Line with ``//`` at its start or after a space; group 1 is the text before the slashes."""
 
 
 def script_names(data: Mapping[str, Any]) -> list[str]:

@@ -39,7 +39,7 @@ def call_arrays(w: LlvmWriter, ports: Sequence[TensorSpec]) -> tuple[str, list[s
 
 
 def load_strides(w: LlvmWriter, operand: int, first_core_entry: int, axis_count: int) -> Step:
-    """Load the strides of an operand; those within a sample begin at this entry of ``%steps``."""
+    """Load the strides of an operand; its strides within a sample begin at ``first_core_entry`` of ``%steps``."""
     batch_stride = w.new(f"load i64, ptr {w.gep('%steps', 8 * operand)}, align 8")
     entries = range(first_core_entry, first_core_entry + axis_count)
     core_strides = [w.new(f"load i64, ptr {w.gep('%steps', 8 * entry)}, align 8") for entry in entries]
@@ -82,7 +82,8 @@ def allocate(
     within_first_line = w.new(f"add i64 {integer}, {LINE - 1}")
     aligned = w.new(f"and i64 {within_first_line}, {-LINE}")  # rounded up to a whole line
     start = w.new(f"inttoptr i64 {aligned} to ptr")
-    buffers = [w.gep(start, sum(padded_sizes[:k])) for k in range(len(padded_sizes))]
+    offsets = [sum(padded_sizes[:k]) for k in range(len(padded_sizes))]
+    buffers = [w.gep(start, offset) for offset in offsets]
     return allocation, label, buffers
 
 
@@ -94,7 +95,7 @@ def call_copy(
 
 
 def _axis_arguments(shape: Sequence[int | str], step: Step) -> str:
-    """Arguments of ``@gather`` and others: the distance between samples, then length and stride of each of three axes."""
+    """Arguments of ``@gather``, ``@scatter`` and ``@fill_nan``: distance between samples, length and stride of three axes."""
     batch_stride, core_strides = step
     missing_axes = RANK - len(shape)
     lengths = [1] * missing_axes + list(shape)
@@ -239,16 +240,18 @@ def loop_function(name: str, w: LlvmWriter) -> list[str]:
 def _write_body(
     w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, is_large: bool, group: int, piece: int
 ) -> None:
-    """Write the body of the loop function; ``inputs`` is the number of inputs among the arrays ``ports``."""
+    """Write the body of the loop function; ``inputs`` is the number of inputs, which are the first of the arrays ``ports``.
+
+    ``piece`` is the size of a store that bypasses the caches [bytes], 0 if none does.
+    """
     samples, bases, strides = call_arrays(w, ports)
-    allocation, label = "", "entry"
+    label, allocation = "entry", ""  # current label; pointer to free, empty if the buffers are on the stack
     if is_large:
         results = [(bases[k], ports[k].shape, strides[k]) for k in range(inputs, len(ports))]
         sizes = [*buffer_sizes(w, ports), frame]
-        allocation, label, buffers_and_frame = allocate(w, sizes, samples, results)
+        allocation, label, (*buffers, frame_pointer) = allocate(w, sizes, samples, results)
     else:
-        buffers_and_frame = _buffers_on_stack(w, ports, frame)
-    *buffers, frame_pointer = buffers_and_frame
+        *buffers, frame_pointer = _buffers_on_stack(w, ports, frame)
     frame_argument: list[str] = []  # the frame, if there is one, is the last argument of blocks
     if frame:
         frame_argument = [frame_pointer]
@@ -257,9 +260,10 @@ def _write_body(
     all_contiguous = _all_true(w, are_contiguous)
     whole_blocks = w.new(f"sdiv i64 {samples}, {w.lanes}")
     blocks_in_place = w.new(f"select i1 {all_contiguous}, i64 {whole_blocks}, i64 0")
-    outputs = list(zip(bases, ports, strict=True))[inputs:]
-    addresses, remaining_blocks = bases, blocks_in_place
+    addresses = bases  # of the samples after the blocks that are done
+    remaining_blocks = blocks_in_place
     if piece:
+        outputs = list(zip(bases[inputs:], ports[inputs:], strict=True))
         can_stream = _can_stream(w, samples, outputs, piece)
         streamed_blocks = w.new(f"select i1 {can_stream}, i64 {blocks_in_place}, i64 0")
         label = _stream_blocks(w, ports, bases, streamed_blocks, label, buffers[inputs:], frame_argument)
@@ -301,7 +305,7 @@ def _write_body(
 
 def _buffers_on_stack(w: LlvmWriter, ports: list[TensorSpec], frame: int) -> list[str]:
     """Allocate buffers on the stack: of each array, then the frame; an empty text without a frame."""
-    buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
+    buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align {LINE}") for port in ports]
     if frame == 0:
         return [*buffers, ""]
     return [*buffers, w.new(f"alloca [{frame} x i8], align {LINE}")]
@@ -380,7 +384,7 @@ def _all_true(w: LlvmWriter, conditions: list[str]) -> str:
 
 
 def _is_missing_in_buffer(w: LlvmWriter, step: Step, is_later_block: str) -> str:
-    """Condition (i1): a sample is not in the buffer yet. One that all rows share is copied in the first block only."""
+    """Condition (i1): a sample is not in the buffer yet. A sample that all rows share is copied in the first block only."""
     batch_stride, _ = step
     is_shared = w.new(f"icmp eq i64 {batch_stride}, 0")
     is_in_buffer = w.new(f"and i1 {is_later_block}, {is_shared}")

@@ -71,6 +71,7 @@ class _ProductLoop:
         self.p = products
         self.w = w
         self.frame_bytes = frame_bytes
+        """Size of the program's frame; 0 if it has none."""
         self.bytes = w.precision.bytes
         """Size of a number."""
         self.n = len(products.relations)
@@ -140,7 +141,8 @@ class _ProductLoop:
                         before_row = w.gep(tile, row * self.width * self.bytes)
                         self._select_products(w, entry_kinds, row, before_row, corner)
         for row, column, constant in matrix.added:
-            address = w.gep("%matrix", (row * self.n + column) * self.bytes)
+            entry = row * self.n + column
+            address = w.gep("%matrix", entry * self.bytes)
             product = w.new(f"load {w.element}, ptr {address}, align {self.bytes}")
             total = w.new(f"fadd {w.element} {product}, {w.number(constant)}")
             w.do(f"store {w.element} {total}, ptr {address}, align {self.bytes}")
@@ -150,7 +152,7 @@ class _ProductLoop:
         return f"define internal void @matrix{number}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
     def _load_index(self, w: LlvmWriter, table: str, number: str) -> str:
-        """Load an entry of a table of first rows or columns, by its number; entries have 8 bytes."""
+        """Load the first row or column of a tile from a table, by the tile's number; entries have 8 bytes."""
         address = w.gep(table, w.new(f"mul i64 {number}, 8"))
         return w.new(f"load i64, ptr {address}, align 8")
 
@@ -213,7 +215,7 @@ class _ProductLoop:
         vectors_per_matrix = -(-self.n * self.n // w.lanes)  # rounded up
         one_matrix = TensorSpec("one matrix", (vectors_per_matrix,))
         sizes = buffer_sizes(w, [*p.inputs, *factors, one_matrix])
-        results = [(bases[k], ports[k].shape, strides[k]) for k in range(input_count, len(ports))]
+        results = [(bases[k], ports[k].shape, strides[k]) for k in range(input_count, len(ports))]  # get NaN on failure
         allocation, label, all_buffers = allocate(w, [*sizes, self.frame_bytes], samples, results)
         *buffers, matrix, frame = all_buffers
         frame_argument = [frame] if self.frame_bytes else []
@@ -224,7 +226,7 @@ class _ProductLoop:
         exceeds_caches = w.new(f"icmp sgt i64 {samples}, {max_samples_in_caches}")
         with w.loop(w.blocks(samples), label) as block:
             first_sample = w.new(f"mul i64 {block}, {w.lanes}")
-            sample_count, _ = w.share(samples, first_sample)
+            sample_count, _ = w.share(samples, first_sample)  # of this block
             for k, port in enumerate(p.inputs):
                 batch_stride, _ = strides[k]
                 source = w.gep(bases[k], w.new(f"mul i64 {first_sample}, {batch_stride}"))

@@ -56,7 +56,7 @@ class SearchState:
         self.bytes = w.precision.bytes
         """Size of a number."""
         x, passed = search.program.outputs
-        given = search.program.inputs[-1]
+        given = search.program.inputs[-1]  # target and tolerances
         far = TensorSpec("far", (PLACES,))
         self.ports = [x, passed, given, x, passed, passed, far, search.status, *search.inputs]
         """Shapes of the buffers, in the order of their numbers."""
@@ -82,7 +82,7 @@ class SearchState:
             self.strides.append((batch_stride, core_strides))
             is_contiguous = "true"
             expected_stride = self.bytes
-            for length, stride in reversed(list(zip(port.shape, core_strides, strict=True))):  # the last axis first
+            for length, stride in zip(reversed(port.shape), reversed(core_strides), strict=True):  # the last axis first
                 is_contiguous = self.all_of(is_contiguous, f"icmp eq i64 {stride}, {expected_stride}")
                 expected_stride *= length
             self.contiguous.append(is_contiguous)
@@ -118,7 +118,7 @@ class SearchState:
         w = self.w
         pointers = []
         for k in range(2, len(self.s.inputs)):  # without target and x, the first two inputs
-            buffer = self.buffers[STATUS + 1 + k]
+            buffer = self.buffers[STATUS + 1 + k]  # buffers of inputs follow STATUS
             with w.when(w.new(f"xor i1 {self.contiguous[k]}, true")):
                 call_copy(w, "gather", buffer, self.bases[k], "1", self.s.inputs[k].shape, self.strides[k])
             pointers.append(w.new(f"select i1 {self.contiguous[k]}, ptr {self.bases[k]}, ptr {buffer}"))
@@ -254,25 +254,25 @@ class _SearchLoop(SearchState):
             for name, value in initial_values.items():
                 self.store_count(name, lane, value)
         w.do(f"store i64 0, ptr {self.next_sample}, align 8")
-        head, body, end = w.label("search"), w.label("step"), w.label("found")
-        w.do(f"br label %{head}")
-        w.begin(head)
+        search_label, step_label, end_label = w.label("search"), w.label("step"), w.label("found")
+        w.do(f"br label %{search_label}")
+        w.begin(search_label)
         w.do(f"store i64 0, ptr {self.any_working}, align 8")
-        with w.loop(lanes, head) as lane:
+        with w.loop(lanes, search_label) as lane:
             self._begin(lane)
         working_flag = w.new(f"load i64, ptr {self.any_working}, align 8")
         is_working = w.new(f"icmp sgt i64 {working_flag}, 0")
-        w.do(f"br i1 {is_working}, label %{body}, label %{end}")
-        w.begin(body)
+        w.do(f"br i1 {is_working}, label %{step_label}, label %{end_label}")
+        w.begin(step_label)
         x, passed, given, moved, passed_on = self.buffers[:BEST]
         frame_argument = [self.frame_pointer] if self.frame_bytes else []
         call_block(w, [x, x, passed, given, moved, passed_on, *frame_argument])  # the program has x as two inputs
         self.copy(x, moved, buffer_size(w, self.ports[X]), LINE)
         self.copy(passed, passed_on, buffer_size(w, self.ports[PASSED]), LINE)
-        with w.loop(lanes, body) as lane:
+        with w.loop(lanes, step_label) as lane:
             self._end(lane)
-        w.do(f"br label %{head}")
-        w.begin(end)
+        w.do(f"br label %{search_label}")
+        w.begin(end_label)
         if allocation:
             w.do(f"call void @free(ptr {allocation})")
 
@@ -309,8 +309,8 @@ class _SearchLoop(SearchState):
         self.store_count("next", owner, self.choose(exists, 0, NO_ATTEMPT))
         self.store_count("winner", owner, NO_ATTEMPT)
         self.store_count("nearest", owner, NO_ATTEMPT)
-        following = self.choose(exists, w.new(f"add i64 {sample}, 1"), sample)
-        w.do(f"store i64 {following}, ptr {self.next_sample}, align 8")
+        sample_after = self.choose(exists, w.new(f"add i64 {sample}, 1"), sample)
+        w.do(f"store i64 {sample_after}, ptr {self.next_sample}, align 8")
 
     def _start(self, lane: str, owner: str) -> None:
         """Begin the next attempt of a sample: attempt 0 at the start of the caller, others at the nearest unused start."""
@@ -322,13 +322,15 @@ class _SearchLoop(SearchState):
         self.store_count("next", owner, w.new(f"add i64 {attempt}, 1"))
         running = self.load_count("running", owner)
         self.store_count("running", owner, w.new(f"add i64 {running}, 1"))
-        given, x, passed = self.row_address(GIVEN, lane), self.row_address(X, lane), self.row_address(PASSED, lane)
-        self.copy_in(0, given, sample)
+        given = self.row_address(GIVEN, lane)
+        x = self.row_address(X, lane)
+        passed = self.row_address(PASSED, lane)
+        self.copy_in(0, given, sample)  # input 0 is the target
         target_bytes = self.s.target.size * self.bytes
         tolerance_bytes = self.ports[GIVEN].size * self.bytes - target_bytes
         self.copy(w.gep(given, target_bytes), w.gep(self.settings, TOLERANCES * self.bytes), tolerance_bytes)
         with w.when(w.new(f"icmp eq i64 {attempt}, 0")):
-            self.copy_in(1, x, sample)
+            self.copy_in(1, x, sample)  # input 1 is the caller's start
             self._bring_inside(x)
         with w.when(w.new(f"icmp eq i64 {attempt}, 1")):
             self._compute_distances(given, owner)
@@ -341,15 +343,16 @@ class _SearchLoop(SearchState):
 
     def _bring_inside(self, x: str) -> None:
         """Clip the entries of x to their limits."""
-        w, e = self.w, self.w.element
+        w = self.w
+        number_type = w.element
         with w.loop(str(self.s.x.size), w.after) as k:
             offset = w.new(f"mul i64 {k}, {self.bytes}")
             entry = w.gep(x, offset)
             value = self.load(entry, 0)
             for table, comparison in (("@least", "olt"), ("@most", "ogt")):
                 bound = self.load(w.gep(table, offset), 0)
-                is_beyond = w.new(f"fcmp {comparison} {e} {value}, {bound}")
-                value = w.new(f"select i1 {is_beyond}, {e} {bound}, {e} {value}")
+                is_beyond = w.new(f"fcmp {comparison} {number_type} {value}, {bound}")
+                value = w.new(f"select i1 {is_beyond}, {number_type} {bound}, {number_type} {value}")
             self.store(entry, 0, value)
 
     def _compute_distances(self, target: str, owner: str) -> None:
@@ -458,9 +461,8 @@ class _SearchLoop(SearchState):
         attempts = self.choose(no_winner, self.load_count("next", owner), w.new(f"add i64 {winner}, 1"))
         status = self.row_address(STATUS, owner)
         self.store(status, 0, w.new(f"sitofp i64 {attempts} to {w.element}"))
-        report_bytes = (
-            self.s.status.size - 1
-        ) * self.bytes  # the first entry, the number of attempts, is stored already
+        report_size = self.s.status.size - 1  # the first entry, the number of attempts, is stored already
+        report_bytes = report_size * self.bytes
         self.copy(w.gep(status, self.bytes), w.gep(best, self.s.x.size * self.bytes), report_bytes)
-        self.copy_out(0, best, sample)
+        self.copy_out(0, best, sample)  # result 0 is x
         self.copy_out(1, status, sample)

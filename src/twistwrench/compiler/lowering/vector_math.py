@@ -32,7 +32,7 @@ HALF_PI_SHORT = {
 """π/2 as a sum for machines without fused products. All parts but the last are so short that k times a part is exact."""
 
 
-# Coefficients of the powers of x², highest first.
+# Coefficients of S and C in sin x = x + x³ S(x²) and cos x = C(x²), by the number of bits; the highest power is first.
 SINE = {
     64: (1.58962301576546568060e-10, -2.50507477628578072866e-8, 2.75573136213857245213e-6, -1.98412698295895385996e-4,
          8.33333333332211858878e-3, -1.66666666666666307295e-1),
@@ -63,8 +63,8 @@ def sincos(w: LlvmWriter, angles: list[str]) -> list[tuple[str, str]]:
     """
     bits = w.precision.bits
     magic = 1.5 * 2.0**w.precision.mantissa  # adding it leaves the nearest integer in the low bits
-    shifted = [w.fma(x, w.splat(TWO_OVER_PI), w.splat(magic)) for x in angles]
-    quarter_turns = [w.binary("fsub", s, w.splat(magic)) for s in shifted]
+    shifted_turns = [w.fma(x, w.splat(TWO_OVER_PI), w.splat(magic)) for x in angles]  # quarter turns + magic
+    quarter_turns = [w.binary("fsub", shifted, w.splat(magic)) for shifted in shifted_turns]  # k, whole numbers
     remainders = angles
     parts_of_half_pi = HALF_PI if w.fused else HALF_PI_SHORT
     for part in parts_of_half_pi[bits]:
@@ -75,7 +75,8 @@ def sincos(w: LlvmWriter, angles: list[str]) -> list[tuple[str, str]]:
     cubes = [w.binary("fmul", r, r2) for r, r2 in zip(remainders, squares, strict=True)]
     sines = [w.fma(S, r3, r) for S, r3, r in zip(S_values, cubes, remainders, strict=True)]
     cosines = _horner(w, COSINE[bits], squares)
-    return [_choose_by_quadrant(w, s, sine, cosine) for s, sine, cosine in zip(shifted, sines, cosines, strict=True)]
+    triples = zip(shifted_turns, sines, cosines, strict=True)
+    return [_choose_by_quadrant(w, shifted, sine, cosine) for shifted, sine, cosine in triples]
 
 
 def _horner(w: LlvmWriter, coefficients: tuple[float, ...], points: list[str]) -> list[str]:
@@ -87,11 +88,11 @@ def _horner(w: LlvmWriter, coefficients: tuple[float, ...], points: list[str]) -
 
 
 def _choose_by_quadrant(w: LlvmWriter, shifted: str, sine: str, cosine: str) -> tuple[str, str]:
-    """Emit sin and cos of an angle from those of its remainder, by the quadrant in the low bits of ``shifted``."""
+    """Emit sin and cos of an angle from sin and cos of its remainder, by the quadrant in the low bits of ``shifted``."""
     bits = w.precision.bits
     quadrant = w.new(f"bitcast {w.vector} {shifted} to {w.integer}")
-    # Two bits of the quadrant, moved to the sign bit. Bit 0 (low) swaps sin and cos. Bit 1 (high) is the sign of sin, and
-    # the xor of both bits is the sign of cos.
+    # Bit 0 (low) and bit 1 (high) of the quadrant, each moved to the sign bit. The low bit swaps sin and cos. The high bit is
+    # the sign of sin, and the xor of both bits is the sign of cos.
     low = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 1)}")
     high = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 2)}")
     is_odd = w.new(f"icmp slt {w.integer} {low}, {w.bits(0)}")
@@ -104,10 +105,10 @@ def _choose_by_quadrant(w: LlvmWriter, shifted: str, sine: str, cosine: str) -> 
 
 def _flip(w: LlvmWriter, value: str, sign: str) -> str:
     """Emit ``value`` with its sign flipped where the top bit of ``sign`` is set."""
-    top_bit = w.bits(-(1 << (w.precision.bits - 1)))
-    top = w.new(f"and {w.integer} {sign}, {top_bit}")
+    top_bit = w.bits(-(1 << (w.precision.bits - 1)))  # the integer with this bit alone
+    sign_bit = w.new(f"and {w.integer} {sign}, {top_bit}")
     pattern = w.new(f"bitcast {w.vector} {value} to {w.integer}")
-    flipped = w.new(f"xor {w.integer} {pattern}, {top}")
+    flipped = w.new(f"xor {w.integer} {pattern}, {sign_bit}")
     return w.new(f"bitcast {w.integer} {flipped} to {w.vector}")
 
 
@@ -188,17 +189,22 @@ def bounds(precision: Precision) -> tuple[float, float]:
     """Bounds of arguments: below the lower one results are 0, above the upper one infinity, as they would not be normal."""
     max_exponent = {64: 1023, 32: 127}[precision.bits]
     shrinkage = 1 - 1e-6  # keeps results at the bounds normal in spite of rounding
-    return (1.0 - max_exponent) * math.log(2.0) * shrinkage, (max_exponent + 1.0) * math.log(2.0) * shrinkage
+    lower = (1.0 - max_exponent) * math.log(2.0) * shrinkage
+    upper = (max_exponent + 1.0) * math.log(2.0) * shrinkage
+    return lower, upper
 
 
 def exp(w: LlvmWriter, x: str) -> str:
     """Emit e**x. Arguments out of bounds and NaN are found by comparing bits, because comparing NaNs would raise flags."""
-    bits, mantissa = w.precision.bits, w.precision.mantissa
-    low, high = (w.bits(w.precision.pattern(abs(bound))) for bound in bounds(w.precision))
+    bits = w.precision.bits
+    mantissa = w.precision.mantissa
+    lower, upper = bounds(w.precision)
+    max_if_negative = w.bits(w.precision.pattern(abs(lower)))
+    max_if_positive = w.bits(w.precision.pattern(upper))
     pattern_of_x = w.new(f"bitcast {w.vector} {x} to {w.integer}")
     is_negative = w.new(f"icmp slt {w.integer} {pattern_of_x}, {w.bits(0)}")
     absolute = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
-    max_absolute = w.new(f"select {w.mask} {is_negative}, {w.integer} {low}, {w.integer} {high}")
+    max_absolute = w.new(f"select {w.mask} {is_negative}, {w.integer} {max_if_negative}, {w.integer} {max_if_positive}")
     is_out = w.new(f"icmp sgt {w.integer} {absolute}, {max_absolute}")
     inside = w.select(is_out, w.splat(0.0), x)  # 0 in place of arguments out of bounds
     magic = 1.5 * 2.0**mantissa  # adding it leaves the nearest integer in the low bits
@@ -216,5 +222,6 @@ def exp(w: LlvmWriter, x: str) -> str:
     scaled = w.new(f"add {w.integer} {pattern_of_polynomial}, {exponent}")
     result = w.new(f"bitcast {w.integer} {scaled} to {w.vector}")
     result_if_out = w.select(is_negative, w.splat(0.0), w.splat(math.inf))
-    is_nan = w.new(f"icmp sgt {w.integer} {absolute}, {w.bits(w.precision.pattern(math.inf))}")
+    infinity = w.bits(w.precision.pattern(math.inf))
+    is_nan = w.new(f"icmp sgt {w.integer} {absolute}, {infinity}")
     return w.select(is_nan, x, w.select(is_out, result_if_out, result))

@@ -23,6 +23,8 @@ RETRIES = 3
 """Number of times that a job is tried again after an error, and number of dead workers after which Dask gives a job up."""
 _CONNECTION_TIMEOUT = 10.0
 """Time in which a scheduler must respond [s]."""
+_JOBS_PER_THREAD = 3
+"""Number of submitted jobs for each thread of the workers, so that no worker waits for its next job."""
 _MAX_WORKERS = 4096
 """Largest number of local processes."""
 _ONE_THREAD_EACH = {
@@ -59,7 +61,7 @@ class Workers:
         if client is None:
             return cls()
         thread_count = sum(client.nthreads().values())
-        return cls(client, ahead=3 * max(1, thread_count))  # so that no worker waits for its next job
+        return cls(client, ahead=_JOBS_PER_THREAD * max(1, thread_count))
 
     def results(
         self, function: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[float], None] | None = None
@@ -83,7 +85,8 @@ class Workers:
         futures: list[Any] = []  # of submitted jobs, in the order of the items
         submitted_count = 0
         for k in range(len(items)):
-            while submitted_count < min(len(items), k + self.ahead):
+            submitted_end = min(len(items), k + self.ahead)
+            while submitted_count < submitted_end:
                 # pure=False: Dask would otherwise return the same result for equal items
                 futures.append(self.client.submit(job, items[submitted_count], pure=False, retries=RETRIES))
                 submitted_count += 1

@@ -292,26 +292,26 @@ class _MjcfWriter:
 
     def _add_body_with_joints(self, entries: tuple[JointEntry, ...]) -> None:
         """Add a body with its joints; the child of the last joint is the body's link."""
-        first, last = entries[0], entries[-1]
-        parent = self.bodies[first.parent]
+        parent = self.bodies[entries[0].parent]
+        last_entry = entries[-1]
         # Poses of the body's frame in the child link of each joint, with all coordinates at zero.
         pose_in_parent = np.eye(4)
         poses_in_children: list[Array] = []
         for entry in reversed(entries):
             poses_in_children.insert(0, pose_in_parent)
             pose_in_parent = np.asarray(entry.placement @ pose_in_parent)
-        inertia = self._inertia(last)
-        if last.joint.kind == "floating":
+        inertia = self._inertia(last_entry)
+        if last_entry.joint.kind == "floating":
             if parent is not self.world or not np.array_equal(pose_in_parent, np.eye(4)):
                 raise ModelError(
-                    f"joint {last.name!r} floats away from the world's origin, and MJCF has no joint for that. Lock it."
+                    f"joint {last_entry.name!r} floats away from the world's origin, and MJCF has no joint for that. Lock it."
                 )
-            body = self._body(last.child, parent, np.eye(4), inertia)
-            self.bodies[last.child] = body
-            self.joints.add_free(body, last)
+            body = self._body(last_entry.child, parent, np.eye(4), inertia)
+            self.bodies[last_entry.child] = body
+            self.joints.add_free(body, last_entry)
             return
-        body = self._body(last.child, parent, pose_in_parent, inertia)
-        self.bodies[last.child] = body
+        body = self._body(last_entry.child, parent, pose_in_parent, inertia)
+        self.bodies[last_entry.child] = body
         for entry, pose_in_child in zip(entries, poses_in_children, strict=True):
             if entry.fixed:
                 continue

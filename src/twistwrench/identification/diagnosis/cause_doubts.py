@@ -20,6 +20,8 @@ _MAX_DELAY_DIFFERENCE = 2e-3
 """Difference [s] up to which two delays are equal."""
 _MAX_RELATIVE_DELAY_DIFFERENCE = 0.1
 """Relative difference up to which two delays are equal."""
+_MAX_LISTED_RIVALS = 3
+"""Largest number of other causes that a sentence lists."""
 _MAX_BUS_DELAY = 30e-3
 """Longest delay [s] of a bus or a filter; a longer one suggests that positions are commands."""
 
@@ -71,8 +73,10 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
     ``names`` are the joints' names. ``taken_off`` is the delay [s] that a fit of the log has removed; None without such a fit.
     """
     joints = [names[k] for k in cause.joints]
-    is_of_all_joints = len(joints) == len(names) > 1
-    joints_text = "all joints" if is_of_all_joints else listed(joints)
+    is_of_several_joints = len(joints) > 1
+    joints_text = listed(joints)
+    if is_of_several_joints and len(joints) == len(names):
+        joints_text = "all joints"
     row = doubt_table()[cause.kind]
     effect_level = _level_of_effect(cause.effect)
     level = _level_of_row(row, effect_level)
@@ -80,7 +84,8 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
         level = "note"  # the fit contains the law if held-out rows confirm it
     words = _words(names, cause)
     if cause.kind == "late" and taken_off is not None:
-        words["taken"], level = _delay_taken_off(cause.fit.states.shift, taken_off, effect_level)
+        sentence, level = _delay_taken_off(cause.fit.states.shift, taken_off, effect_level)
+        words["taken"] = sentence
     value, interval = cause.value_and_interval
     _, largest_share = cause.most
     found = {
@@ -149,8 +154,8 @@ def _evidence(names: Sequence[str], cause: FoundCause) -> str:
             rival_texts.append(f"another {rival.kind}")
         else:
             rival_texts.append(rival.kind)
-    different_texts = dict.fromkeys(rival_texts)
-    return f"{evidence}; this log does not distinguish it from {listed(different_texts, 3)}"
+    different_texts = dict.fromkeys(rival_texts)  # each once, in order
+    return f"{evidence}; this log does not distinguish it from {listed(different_texts, _MAX_LISTED_RIVALS)}"
 
 
 def _delay_taken_off(delay: float, taken_off: float, level: Level) -> tuple[str, Level]:

@@ -30,7 +30,7 @@ from .trajectory_constraints import MAX_CHECK_STEP, TrajectoryConstraints, half_
 def typical_sizes(robot: Robot, bounds: Limits, series: WindowedFourierSeries) -> tuple[Array, Array]:
     """Typical sizes of positions, velocities and accelerations (3, nv), and middle positions (nv,).
 
-    Typical velocities and accelerations belong to the highest harmonic, as far as limits allow.
+    The typical velocities and accelerations are those of the highest harmonic, within the limits.
     """
     half_range, middle = half_and_middle(bounds)
     has_both_limits = np.isfinite(half_range)
@@ -160,9 +160,11 @@ class MotionSearch:
         basis = self._basis(1)
         for j, sizes in enumerate(self.typical.T):
             stacked = (basis[:, :, 1:] / sizes[:, None, None]).reshape(-1, self.series.count - 1)
-            _, s, Vt = np.linalg.svd(stacked / np.sqrt(basis.shape[1]), full_matrices=False)
-            units[j, 0, 0] = sizes[0]
-            units[j, 1:, 1:] = Vt.T / s
+            instant_count = basis.shape[1]
+            _, S, Vt = np.linalg.svd(stacked / np.sqrt(instant_count), full_matrices=False)
+            typical_position, _, _ = sizes
+            units[j, 0, 0] = typical_position
+            units[j, 1:, 1:] = Vt.T / S
         return units
 
     def coefficients(self, z: Array) -> Array:
@@ -191,13 +193,13 @@ class MotionSearch:
         bounds = self.constraints.bounds
         for _ in range(_MAX_RANDOM_TRIALS):
             z = rng.normal(size=(len(self.middle), self.series.count))
-            z[:, 0] = rng.uniform(-_MAX_REST_POSITION, _MAX_REST_POSITION, len(z))
+            z[:, 0] = rng.uniform(-_MAX_REST_POSITION, _MAX_REST_POSITION, len(z))  # rest positions
             q, dq, ddq = self._states(z)
             q_rest = self.coefficients(z)[:, 0]
             limits = np.stack([bounds.upper - q_rest, q_rest - bounds.lower, bounds.velocity, bounds.acceleration])
             peaks = np.stack([q - q_rest, q_rest - q, np.abs(dq), np.abs(ddq)]).max(axis=1)
             max_width = (limits / np.maximum(peaks, _TINY_PEAK)).min(axis=0)  # of each joint, as a factor
-            z[:, 1:] *= (1.0 - 2.0 * _MARGIN) * max_width[:, None]
+            z[:, 1:] *= (1.0 - 2.0 * _MARGIN) * max_width[:, None]  # twice the margin that is checked
             motion = self.narrow_to_limits(z, 1)
             if motion is not None:
                 return motion
@@ -247,12 +249,14 @@ class MotionSearch:
             for round_number, (rho, steps, finer) in enumerate(_ROUNDS, 1):
                 search = log_det_search if round_number <= _LOG_DET_ROUNDS else self
                 z, barrier = search._descend(z, replace(barrier, rho=rho).refine(finer), steps)
-                progress((k + round_number / len(_ROUNDS)) / (search_count + 1))
-            narrowed = self.narrow_to_limits(z, 1)
-            merit = -np.inf if narrowed is None else self.merit(narrowed)
+                finished_searches = k + round_number / len(_ROUNDS)
+                progress(finished_searches / (search_count + 1))  # and one share for the refinement
+            feasible_motion = self.narrow_to_limits(z, 1)
+            merit = -np.inf if feasible_motion is None else self.merit(feasible_motion)
             searches.append((merit, start, z, barrier))
         _, start, z, barrier = max(searches, key=lambda search: search[0])
-        finished_motion = self.narrow_to_limits(self._finish(z, barrier), self._check_refinement)
+        refined_motion = self._finish(z, barrier)
+        finished_motion = self.narrow_to_limits(refined_motion, self._check_refinement)
         narrowed_start = self.narrow_to_limits(start, self._check_refinement)
         progress(1.0)
         return self._better(finished_motion, narrowed_start)
@@ -298,7 +302,7 @@ class MotionSearch:
         return z, replace(barrier, multipliers=forces)
 
     def cost_and_slope(self, z: Array, barrier: LimitBarrier) -> tuple[float, Array]:
-        """-merit plus the cost of the edges, and its derivative by z (nv K,)."""
+        """Cost, which is -merit plus the cost of the edges, and its derivative by z (nv K,)."""
         z = z.reshape(len(self.middle), -1)
         states = self._states(z, _MERIT_REFINEMENT)
         merit, merit_by_rows = self.information.merit_and_slope(self.information.rows(*states))

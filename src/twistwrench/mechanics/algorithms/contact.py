@@ -68,8 +68,9 @@ def velocity_step(
 
     ``tau`` is the torque of the control law at dq, ``gains`` are kd = -∂τ/∂dq of each joint, ``push`` additional torques.
     """
-    if limits is not None and gains is None:
-        tau, limits = clip_torques(tau, limits), None
+    if limits is not None and gains is None:  # τ does not depend on v
+        tau = clip_torques(tau, limits)
+        limits = None
     viscous = model.friction.viscous if friction else zeros(model.nv)
     dry_joints = dry_friction_indices(model) if friction else ()
     if dry_joints or limits is not None:
@@ -114,7 +115,7 @@ class _StepEquations:
         M = mass_matrix(model, q)
         self.sliding_inertia = SLIDING_SOFTNESS * M.diagonal()
         self.M_viscous = with_diagonal(M, h * viscous)  # M + h V
-        self.push = -viscous * dq if push is None else push - viscous * dq  # with - V dq of (5)
+        self.push = -viscous * dq if push is None else push - viscous * dq  # additional torques - V dq of (5)
         backward_friction, forward_friction = friction_bounds(model, dq, drive_torques)
         self.backward_impulse, self.forward_impulse = h * backward_friction, h * forward_friction
 
@@ -129,7 +130,8 @@ class _StepEquations:
         v, friction_impulse, tau = self._step_for_guess(s, t)
         guess_count = _GUESSES_WITH_LIMITS if self.limited_joints else _GUESSES
         for _ in range(guess_count - 1):
-            s, t = self._next_slips(s, v, friction_impulse), self._next_limits(t, tau)
+            s = self._next_slips(s, v, friction_impulse)
+            t = self._next_limits(t, tau)
             v, friction_impulse, tau = self._step_for_guess(s, t)
         if self.friction:  # c at the midpoint
             self.load = self.push - bias_forces(self.model, self.q, 0.5 * (self.dq + v), self.wrenches)
@@ -240,9 +242,11 @@ def plane_contact(
     tangential velocity v is -μ f v / √(|v|² + slip²).
     """
     height, k, c, mu, slip = law
-    T, V = forward_kinematics(model, q, frame), frame_velocity(model, q, dq, frame)
+    T = forward_kinematics(model, q, frame)
+    V = frame_velocity(model, q, dq, frame)
     R = T[:3, :3]
-    F, depths = zeros(6), zeros(len(points))
+    F = zeros(6)
+    depths = zeros(len(points))
     for i, p in enumerate(points):
         depths[i] = height - normal @ (R @ p + T[:3, 3])
         v = R @ (V[3:] + so3.cross(V[:3], p))  # velocity of the point, in the base frame
@@ -263,9 +267,11 @@ def stop_contact(
     ``indices`` has the index in q and in dq of each joint; ``lower`` and ``upper`` are (m,); ``law`` is (k, c).
     """
     k, c = law
-    tau, depths = zeros(len(dq)), zeros(len(indices))
+    tau = zeros(len(dq))
+    depths = zeros(len(indices))
     for j, (q_index, v_index) in enumerate(indices):
-        upper_depth, lower_depth = q[q_index] - upper[j], lower[j] - q[q_index]
+        lower_depth = lower[j] - q[q_index]
+        upper_depth = q[q_index] - upper[j]
         lower_force = contact_force(lower_depth, -dq[v_index], k, exponent, c)
         upper_force = contact_force(upper_depth, dq[v_index], k, exponent, c)
         tau[v_index] = lower_force - upper_force

@@ -45,18 +45,19 @@ class BodyMotion:
 def body_motions(
     model: Model, T: Sequence[Array], dq: Array, ddq: Array, gravity: bool = True
 ) -> Iterator[tuple[int, BodyMotion]]:
-    """Pairs (index of body, its motion) from the base outward; with ``gravity``, the base accelerates upward."""
-    Adq, Addq = spread(model, dq), spread(model, ddq)
+    """Pairs (index of body, its motion) from the base outward; with ``gravity``, the base accelerates by -g."""
+    Adq = spread(model, dq)  # A dq of each body's joint
+    Addq = spread(model, ddq)
     base_acceleration = -model.gravity if gravity else zeros(3)
     motions = {BASE: BodyMotion(zeros(3), zeros(3), base_acceleration)}
     for i, p in outward(model):
-        up = motions[p]
+        parent = motions[p]
         R, r = T[i][:3, :3], T[i][:3, 3]
         wJ, vJ = Adq[i][:3], Adq[i][3:]  # twist of the joint, A dq
         dwJ, dvJ = Addq[i][:3], Addq[i][3:]  # A ddq
-        w = R.T @ up.w + wJ  # (8.51)
-        dw = R.T @ up.dw + so3.cross(w, wJ) + dwJ  # (8.52), angular part
-        a = R.T @ (up.a + up.U @ r) + so3.cross(2.0 * w - wJ, vJ) + dvJ  # (8.52), origin
+        w = R.T @ parent.w + wJ  # (8.51)
+        dw = R.T @ parent.dw + so3.cross(w, wJ) + dwJ  # (8.52), angular part
+        a = R.T @ (parent.a + parent.U @ r) + so3.cross(2.0 * w - wJ, vJ) + dvJ  # (8.52), origin
         motions[i] = BodyMotion(w, dw, a)
         yield i, motions[i]
 

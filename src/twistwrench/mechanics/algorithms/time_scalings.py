@@ -281,7 +281,8 @@ class Averaged:
         knot_times = np.concatenate([[0.0], np.cumsum(durations)])
         # Coefficients of t², t and 1 of each piece, in its rows.
         pieces = np.stack([0.5 * np.diff(self.rates) / durations, self.rates[:-1], self.places[:-1]])
-        constant_0, constant_1 = np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])
+        constant_0 = np.zeros((3, 1))  # the pieces beyond both ends
+        constant_1 = np.array([[0.0], [0.0], [1.0]])
         margin = sum(self.windows)  # the longest shift of the time; 1 s more on both sides
         breaks = np.concatenate([[-margin - 1.0], knot_times, [knot_times[-1] + margin + 1.0]])
         scaling = PPoly(np.concatenate([constant_0, pieces, constant_1], axis=1), breaks)
@@ -305,14 +306,16 @@ class Averaged:
         integral, _ = self._second_integral
         a, b = self.windows
         t = np.clip(t, 0.0, self.duration)
-        shifted_by_a, shifted_by_b = integral(t - a, order), integral(t - b, order)
+        shifted_by_a = integral(t - a, order)
+        shifted_by_b = integral(t - b, order)
         shifted_by_both = integral(t - (a + b), order)
         return np.asarray((integral(t, order) - shifted_by_a - shifted_by_b + shifted_by_both) / (a * b))
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Constant before 0 and after T."""
         t = arguments.real(t, "t")
-        is_before, is_after = t <= 0, t >= self.duration
+        is_before = t <= 0
+        is_after = t >= self.duration
         at_rest = is_before | is_after
         s, ds, dds = (self._derivative(t, order) for order in range(3))
         s = np.where(is_before, 0.0, np.clip(s, 0.0, 1.0))
@@ -466,7 +469,8 @@ def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:
     """
     start, end = _poses(start, end)
     w = so3.log(start[:3, :3].T @ end[:3, :3])
-    return PosePath(start, end, True, np.concatenate([w, end[:3, 3] - start[:3, 3]]))
+    v = end[:3, 3] - start[:3, 3]
+    return PosePath(start, end, True, np.concatenate([w, v]))
 
 
 def _poses(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:

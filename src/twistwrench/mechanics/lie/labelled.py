@@ -78,7 +78,7 @@ class Labelled:
         numbers.setflags(write=False)
         object.__setattr__(self, "values", numbers)
         object.__setattr__(self, "frame", frame)
-        frame_name(self.frame, f"the frame of a {self._kind}")
+        frame_name(self.frame, f"the frame of a {self._kind}")  # raises FrameError
 
     def __eq__(self, other: object) -> bool:
         """True if kind, frame and numbers are equal; a single bool for a batch too."""
@@ -100,7 +100,7 @@ class Labelled:
         return self.values.shape[:-1]
 
     def __repr__(self) -> str:
-        parts = (self.values[..., :3], self.values[..., 3:])
+        parts = (self.values[..., :3], self.values[..., 3:])  # angular, linear
         title = f"{type(self).__name__} in {self.frame!r}"
         texts = []
         if not self.shape:
@@ -119,7 +119,7 @@ class Labelled:
         return np.array(self.values, dtype, copy=copy)
 
     def __getitem__(self, rows: Any) -> Self:
-        # Row numbers are indexed instead of the values, so that ``rows`` cannot index the six components.
+        # ``rows`` selects from an array of row numbers in the batch shape, so that it cannot index the six components.
         row_numbers = np.arange(self.values.size // 6).reshape(self.shape)
         try:
             selected_rows = row_numbers[rows]
@@ -135,7 +135,7 @@ class Labelled:
     def __add__(self, other: Any) -> Self:
         if not isinstance(other, Labelled) and np.ndim(other) == 0 and other == 0:  # sum() begins with 0
             return self
-        own_values, other_values = self._values_of_both(other, "+")
+        own_values, other_values = self._values_of_both(other, "+")  # of one batch shape
         return type(self)(own_values + other_values, self.frame)
 
     __radd__ = __add__
@@ -151,7 +151,8 @@ class Labelled:
         if isinstance(factor, Labelled):
             raise ValueRangeError(f"{self._kind} * {factor._kind}: power is F @ V, and * is for numbers.")
         factor_array = arguments.array(factor, f"the factor of a {self._kind}")
-        values, factors = arguments.together(**{self._kind: self.values, "factor": factor_array[..., None]})
+        factor_column = factor_array[..., None]  # one factor for all six components
+        values, factors = arguments.together(**{self._kind: self.values, "factor": factor_column})
         return type(self)(values * factors, self.frame)
 
     __rmul__ = __mul__
@@ -163,10 +164,10 @@ class Labelled:
 
     def __matmul__(self, other: Labelled) -> Any:
         if not isinstance(other, Labelled) or type(other) is type(self):
-            name = other._kind if isinstance(other, Labelled) else type(other).__name__
+            other_name = other._kind if isinstance(other, Labelled) else type(other).__name__
             raise ValueRangeError(
-                f"{self._kind} @ {name}: power is wrench @ twist, both with their frames; the Lie bracket of two twists is "
-                "V1.bracket(V2)."
+                f"{self._kind} @ {other_name}: power is wrench @ twist, both with their frames; the Lie bracket of two "
+                "twists is V1.bracket(V2)."
             )
         self._require_frame_of(other, f"{self._kind} in {self.frame!r} @ {other._kind}")
         F, V = arguments.together(**{self._kind: self.values, other._kind: other.values})
@@ -181,25 +182,27 @@ class Labelled:
         if not isinstance(operator, Ad | ad):
             return NotImplemented
         suffix = ".T" if operator.transposed else ""
-        name = f"{type(operator).__name__}(…){suffix}"
+        operator_name = f"{type(operator).__name__}(…){suffix}"
         needs_transpose = self._kind == "wrench"
         if operator.transposed != needs_transpose:
-            raise FrameError(f"{name} @ {self._kind}: Ad(T) and ad(V) act on twists, their transposes .T on wrenches.")
+            raise FrameError(
+                f"{operator_name} @ {self._kind}: Ad(T) and ad(V) act on twists, their transposes .T on wrenches."
+            )
         if operator.frames is None:
             raise FrameError(
-                f"{name} of plain numbers @ {self._kind} in {self.frame!r}: they name no frames. Make it of a Pose or a Twist, "
-                f"write Pose(…) @ {self.symbol}, or work on {self.symbol}.values."
+                f"{operator_name} of plain numbers @ {self._kind} in {self.frame!r}: they name no frames. Make it of a Pose "
+                f"or a Twist, write Pose(…) @ {self.symbol}, or work on {self.symbol}.values."
             )
         to, of = operator.frames
         if of != self.frame:
             raise FrameError(
-                f"{name} @ {self._kind} in {self.frame!r}: the operator takes a {self._kind} in {of!r} to {to!r}; missing is "
-                f"{missing_pose(of, self.frame)}."
+                f"{operator_name} @ {self._kind} in {self.frame!r}: the operator takes a {self._kind} in {of!r} to {to!r}; "
+                f"missing is {missing_pose(of, self.frame)}."
             )
         return type(self)(operator.apply(self.values), to)
 
     def _values_of_both(self, other: Any, sign: str) -> tuple[Array, ...]:
-        """Values (..., 6) of this object and of another one; raises an error unless kind and frame of both are equal."""
+        """Values (..., 6) of this object and of another one, broadcast; raises an error unless kinds and frames are equal."""
         if not isinstance(other, Labelled):
             raise FrameError(
                 f"{self._kind} in {self.frame!r} {sign} {type(other).__name__}: plain numbers name no frame; write "

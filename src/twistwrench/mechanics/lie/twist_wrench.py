@@ -183,9 +183,9 @@ class Wrench(Labelled):
             The frames differ.
         """
         power = self @ V
-        m, omega = np.linalg.norm(self.m, axis=-1), np.linalg.norm(V.omega, axis=-1)
-        f, v = np.linalg.norm(self.f, axis=-1), np.linalg.norm(V.v, axis=-1)
-        return abs(power) <= arguments.number(within, "within") * (m * omega + f * v)
+        max_power_of_couple = np.linalg.norm(self.m, axis=-1) * np.linalg.norm(V.omega, axis=-1)
+        max_power_of_force = np.linalg.norm(self.f, axis=-1) * np.linalg.norm(V.v, axis=-1)
+        return abs(power) <= arguments.number(within, "within") * (max_power_of_couple + max_power_of_force)
 
 
 # ── Labelled poses: the frame names cancel in products
@@ -230,7 +230,7 @@ class Pose:
             )
         numbers = np.array(arguments.array(input_matrix, "a pose", 4, 4))
         if numbers.dtype != object:  # symbols are not checked
-            arguments.pose(arguments.finite(numbers, "a pose", 4, 4), "the matrix")
+            arguments.pose(arguments.finite(numbers, "a pose", 4, 4), "the matrix")  # raises ValueRangeError
         numbers.setflags(write=False)
         for name, value in (("matrix", numbers), ("to", to), ("of", of)):
             object.__setattr__(self, name, value)
@@ -314,12 +314,12 @@ class Pose:
             except ValueError:  # batches that do not fit: the following raises ShapeError
                 arguments.together(**{self.symbol: self.matrix, other.symbol: other.matrix})
                 raise
-        in_other_frame: Twist | Wrench
+        result: Twist | Wrench
         if isinstance(other, Twist):
-            in_other_frame = Ad(self) @ other
+            result = Ad(self) @ other
         else:
-            in_other_frame = Ad(self.inverse).T @ other
-        return in_other_frame
+            result = Ad(self.inverse).T @ other
+        return result
 
 
 def _unchecked_pose(matrix: Array, to: str, of: str) -> Pose:

@@ -42,8 +42,8 @@ def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
             _check_pair(joint, leader, joint_by_name)
             chain[joint.name] = joint.mimic
             if leader in chain:
-                names = [*chain]
-                cycle = [*names[names.index(leader) :], leader]
+                chain_names = [*chain]
+                cycle = [*chain_names[chain_names.index(leader) :], leader]
                 cycle_text = listed(map(repr, cycle), between=" → ")
                 raise ModelError(
                     f"{first_joint} is part of a mimic cycle, {cycle_text}. Remove the <mimic> of one of them."
@@ -87,9 +87,10 @@ def shared_limits(
         if not drive.ratio:  # the follower does not move
             continue
         tolerance = limits.tolerance
-        follower_limits = np.stack([follower.limits.lower, follower.limits.upper])
+        lower_and_upper = np.stack([follower.limits.lower, follower.limits.upper])
         # As values of the leader's coordinate. They are sorted because a negative ratio exchanges lower and upper limits.
-        lower, upper = np.sort((follower_limits - drive.offset) / drive.ratio, axis=0)
+        lower, upper = np.sort((lower_and_upper - drive.offset) / drive.ratio, axis=0)
+        # A limit of the follower counts only if it is narrower by more than the tolerance.
         lower = np.where(lower > limits.lower + tolerance, lower, limits.lower)
         upper = np.where(upper < limits.upper - tolerance, upper, limits.upper)
         leaves_no_range = (upper - lower <= tolerance).any()

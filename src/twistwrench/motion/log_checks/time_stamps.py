@@ -20,6 +20,8 @@ _MIN_ROWS = 20
 """Minimum number of rows between pauses."""
 _MIN_ZERO_STEPS = 0.02
 """Fraction of zero steps from which stamps are rounded to a grid coarser than their steps."""
+_MAX_GRID_ERROR = 1e-6
+"""Largest distance of a step from a multiple of the grid, in grid steps."""
 _MIN_PAUSE = 3.0
 """Number of grid steps above which a step is a pause."""
 _MAX_ROUNDING = 0.65
@@ -96,12 +98,12 @@ class DuplicateTimestamps:
         """Notes on dropped rows and averaged rows."""
         doubts = []
         if self.dropped:
-            rows_text = "row that repeats" if self.dropped == 1 else "rows that repeat"
-            doubts.append(doubt("rows-left-out", what=f"{self.dropped} {rows_text} the row before"))
+            noun_and_verb = "row that repeats" if self.dropped == 1 else "rows that repeat"
+            doubts.append(doubt("rows-left-out", what=f"{self.dropped} {noun_and_verb} the row before"))
         if self.averaged and self.first is not None:
-            first_text = f"first t = {printed(self.first)} s"
-            what = f"{self.averaged} rows with a time that others have too, {first_text}, but the mean of each time"
-            doubts.append(doubt("rows-left-out", what=what))
+            first_time = f"first t = {printed(self.first)} s"
+            left_out = f"{self.averaged} rows with a time that others have too, {first_time}, but the mean of each time"
+            doubts.append(doubt("rows-left-out", what=left_out))
         return doubts
 
 
@@ -117,7 +119,8 @@ def steady_times(stamps: Array) -> Array | None:
         return None
     grid = float(steps[steps > 0].min(initial=np.inf))
     distance_from_grid = np.abs(steps - grid * np.round(steps / grid))
-    tolerance = 1e-6 * grid + 4 * np.spacing(np.abs(stamps[1:]))  # steps are differences of large numbers
+    rounding = 4 * np.spacing(np.abs(stamps[1:]))  # steps are differences of large numbers
+    tolerance = _MAX_GRID_ERROR * grid + rounding
     is_on_grid = distance_from_grid <= tolerance
     if not (np.isfinite(grid) and is_on_grid.all()):
         return None
@@ -131,7 +134,8 @@ def steady_times(stamps: Array) -> Array | None:
         # Straight line by least squares; rows are counted from the middle, so that its value there is the mean.
         rows_from_middle = np.arange(end - begin) - 0.5 * (end - begin - 1)
         mean_stamp = float(own_stamps.mean())
-        time_step = float(rows_from_middle @ (own_stamps - mean_stamp)) / float(rows_from_middle @ rows_from_middle)
+        sum_of_products = float(rows_from_middle @ (own_stamps - mean_stamp))
+        time_step = sum_of_products / float(rows_from_middle @ rows_from_middle)
         times[begin:end] = mean_stamp + time_step * rows_from_middle
         if np.abs(times[begin:end] - own_stamps).max() > _MAX_ROUNDING * grid:
             return None

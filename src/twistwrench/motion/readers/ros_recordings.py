@@ -71,12 +71,12 @@ def ros_file(path: Path, topic: str | None = None, command_topic: str | None = N
 
     def choose(topics: Topics) -> str:
         choice[:] = _choose_topic(path, topics, topic, Argument("topic"))
-        name, *_ = choice
-        return name
+        topic_name, *_ = choice
+        return topic_name
 
     def choose_commands(topics: Topics) -> str:
-        name, *_ = _choose_topic(path, topics, command_topic, Argument("command_topic"))
-        return name
+        topic_name, *_ = _choose_topic(path, topics, command_topic, Argument("command_topic"))
+        return topic_name
 
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
         if command_topic is not None:
@@ -144,7 +144,10 @@ def _choose_topic(path: Path, topics: Topics, requested: str | None, argument: A
             f"{path}: {{0}}: only :reference of a JointTrajectoryControllerState is known.",
             Argument("topic", requested),
         )
-    chosen_topic = name or max(readable_topics, key=lambda topic: topics[topic][1])  # with most messages
+    chosen_topic = name
+    if not name:
+        count_by_topic = {topic: topics[topic][1] for topic in readable_topics}
+        chosen_topic = max(count_by_topic, key=count_by_topic.__getitem__)  # with most messages
     other_topics = [topic for topic in readable_topics if topic != chosen_topic]
     notes = []
     if other_topics and requested is None:
@@ -300,7 +303,8 @@ def _accelerations(points: Sequence[Any], count: int) -> tuple[Array, Array]:
 def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
     """Header and table of the longest plan, evaluated between its points, and a note on it."""
     plans = [_points(message) for message in messages]
-    names, points, time = max(plans, key=lambda plan: len(plan[1]))  # by its number of points
+    point_counts = [len(time) for _, _, time in plans]
+    names, points, time = plans[int(np.argmax(point_counts))]  # the first of the longest plans
     if len(time) < 2:
         raise TrajectoryError(f"{where}: a plan of {len(time)} points. A motion needs two or more.")
     is_not_later = np.diff(time) <= 0  # of each point after the first
@@ -397,7 +401,8 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) ->
     # s runs from 0 to 1 in each segment; velocities v0, v1 and accelerations a0, a1 are derivatives by it.
     h = np.diff(time)[:, None]
     displacement = np.diff(q, axis=0)
-    v0, v1 = h * dq[:-1], h * dq[1:]
+    v0 = h * dq[:-1]
+    v1 = h * dq[1:]
     # The cubic is q_k + v0 s + b s² + c s³. With its accelerations at both ends, the quintic is equal to it.
     b = 3 * displacement - 2 * v0 - v1
     c = v0 + v1 - 2 * displacement

@@ -22,6 +22,8 @@ _MIN_CARRYING_FORCE = 20.0
 """Force above which a foot carries [N]."""
 _MIN_SWITCH_VALUE = 0.5
 """Value above which a foot carries in a column of 0 and 1."""
+_MIN_SIMILARITY = 0.6
+"""Similarity of two names, 0 to 1, from which one is proposed for the other."""
 
 
 def with_schedule(ground: Ground, given: InContactGiven, log: MotionLog) -> Ground:
@@ -71,8 +73,8 @@ def _column_number(log: MotionLog, frame: str, name: str) -> int:
         if name in (heading, name_without_unit):
             return k
         names_without_unit.append(name_without_unit)
-    similar = difflib.get_close_matches(name, names_without_unit, n=1, cutoff=0.6)
-    hint = f" Did you mean {similar[0]!r}?" if similar else ""
+    similar_names = difflib.get_close_matches(name, names_without_unit, n=1, cutoff=_MIN_SIMILARITY)
+    hint = f" Did you mean {similar_names[0]!r}?" if similar_names else ""
     raise ValueRangeError(
         f"{log.path}: no column {name!r}, needed for {frame!r}.{hint} Name one for each foot, {{0}}: 0 or 1, "
         "or a force in N. Or leave it out: feet then carry where they are low and slow.",
@@ -95,7 +97,9 @@ def _times_and_columns(log: MotionLog, column_numbers: Sequence[int]) -> tuple[A
     for k, column in enumerate(column_numbers):
         _, unit = split_unit(log.file.header[column])
         if unit:
-            factors[k] = si_factor(unit, "tau", angular=False) or 1.0  # 1 for a unit that is not of a force
+            factors[k] = (
+                si_factor(unit, "tau", angular=False) or 1.0
+            )  # the factor is None for other units than of forces
     return time, table[:, 1:] * factors
 
 

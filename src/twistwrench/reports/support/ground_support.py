@@ -78,7 +78,7 @@ class GroundSupport(Support):
         return _support_of_states(self.case, s, contacts, in_contact)
 
     def failing_motions(self, s: MotionSamples, rows: Array) -> tuple[Array, Array]:
-        """Motions (k, nv) that prove that some states fail, and their power; friction is unlimited unless it is given."""
+        """Motions (k, nv) that prove that the states ``rows`` fail, and their power; friction is unlimited unless given."""
         if self.ground.given:
             return self.motion[rows], self.power[rows]
         unlimited = self.again(s, self.ground.unlimited_contacts, self.in_contact[rows])
@@ -131,15 +131,15 @@ class GroundSupport(Support):
 def ground_support(load: StandingCase, motion: Motion) -> GroundSupport:
     """Support along the states of a motion, computed in batches."""
     batches, in_contact_of_batches, base_forces = [], [], []
-    strained = False
-    force_indices = _floating_base_indices(load.robot)[3:]  # after the moments
+    is_strained = False
+    force_indices = _floating_base_indices(load.robot)[3:]  # in τ, after the moments
     for start in range(0, len(motion), _STATES_PER_BATCH):
         s = samples(motion, slice(start, start + _STATES_PER_BATCH))
         in_contact_of_batch = load.ground.carrying(load.robot, s)
         batch = _support_of_states(load, s, load.ground.contacts, in_contact_of_batch)
         if load.effort is not None:
             batch, exceeds_limits = _with_torque_limits(load, s, batch, in_contact_of_batch, load.effort)
-            strained |= exceeds_limits
+            is_strained |= exceeds_limits
         batches.append(batch)
         in_contact_of_batches.append(in_contact_of_batch)
         base_force = load.torques_in_the_air(s)[:, force_indices]
@@ -158,14 +158,14 @@ def ground_support(load: StandingCase, motion: Motion) -> GroundSupport:
         states=motion,
         need=np.concatenate(base_forces),
         sliding=_sliding_foot(load, motion, in_contact),
-        strained=strained,
+        strained=is_strained,
     )
 
 
 def _with_torque_limits(
     load: StandingCase, s: MotionSamples, batch: Support, in_contact: Array, limits: Array
 ) -> tuple[Support, bool]:
-    """Support with the friction that also keeps the torque limits (nv,), and True if any friction exceeds the limits."""
+    """Support with the friction that also keeps the torque limits (nv,), and True if no friction keeps them at some state."""
     robot = load.with_load
     effort = np.where(floating_entries(load.robot), np.inf, limits)
     tau = load.torques_in_the_air(s)
@@ -220,23 +220,26 @@ def _support_of_states(
 
 
 def _sliding_foot(load: StandingCase, motion: Motion, in_contact: Array) -> tuple[str, float, float] | None:
-    """Foot on the floor that moves while no contact carries, with its largest speed and the time; None if it is slow."""
+    """Fastest foot on the floor while no contact carries, with its speed [m/s] and the time [s]; None if all are slow."""
     in_the_air = np.flatnonzero(~in_contact.any(axis=1))
     if not len(in_the_air):
         return None
-    normal, contacts = load.ground.normal, load.ground.contacts
-    least_heights = []
+    normal = load.ground.normal
+    contacts = load.ground.contacts
+    min_heights = []  # of each batch [m]
     for start in range(0, len(motion), _STATES_PER_BATCH):
         _, points = contact_maps(load.robot, motion.q[start : start + _STATES_PER_BATCH], contacts)
-        least_heights.append(float((points @ normal).min()))
-    floor_height = min(least_heights)
+        heights = points @ normal
+        min_heights.append(float(heights.min()))
+    floor_height = min(min_heights)
     maps, points = contact_maps(load.robot, motion.q[in_the_air], contacts)
     velocities = np.einsum("nvck,nv->nck", maps, motion.dq[in_the_air])
     speeds = np.linalg.norm(velocities, axis=-1)
     is_on_floor = points @ normal <= floor_height + _MAX_HEIGHT_ON_FLOOR
     speeds_on_floor = np.where(is_on_floor, speeds, 0.0)
-    row, k = np.unravel_index(int(speeds_on_floor.argmax()), speeds_on_floor.shape)
-    speed = float(speeds_on_floor[row, k])
+    row, contact_index = np.unravel_index(int(speeds_on_floor.argmax()), speeds_on_floor.shape)
+    speed = float(speeds_on_floor[row, contact_index])
     if speed <= _MAX_STANDING_SPEED:
         return None
-    return str(contacts[k].frame), speed, float(motion.time[in_the_air[row]])
+    state_index = in_the_air[row]
+    return str(contacts[contact_index].frame), speed, float(motion.time[state_index])

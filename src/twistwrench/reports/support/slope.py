@@ -37,7 +37,9 @@ _MAX_LISTED_FRAMES = 4
 def samples(motion: Motion, rows: slice | Array) -> MotionSamples:
     """States of a motion in these rows."""
     time, q, dq, ddq = motion.time[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
-    return MotionSamples(time, q, dq, ddq, q, np.zeros(dq.shape, bool), np.zeros((len(time), 0)))
+    is_stationary = np.zeros(dq.shape, bool)
+    no_outliers = np.zeros((len(time), 0))
+    return MotionSamples(time, q, dq, ddq, q, is_stationary, no_outliers)
 
 
 def slope(load: StandingCase) -> float:
@@ -59,7 +61,8 @@ def ground_doubt(load: StandingCase, motion: Motion, in_contact: Array, failing:
     feet at rest are compared as well: feet on a slope that is taken as level stand at different heights, so that not all
     seem to carry. A normal that the user states is not doubted.
     """
-    ground, gravity = load.ground, load.robot.model.gravity
+    ground = load.ground
+    gravity = load.robot.model.gravity
     is_pulled = any(contact.pull > 0 for contact in ground.contacts)
     is_pressed = float(-gravity @ ground.normal) > 0.0
     if ground.on_ground.all() and not is_pulled and not is_pressed:
@@ -77,14 +80,16 @@ def ground_doubt(load: StandingCase, motion: Motion, in_contact: Array, failing:
             return doubt_of_wheels
         if ground.normal_given:
             continue
-        carries = in_contact[rows] & (is_wheel if ground.schedule is None else ground.on_ground)  # (states, contacts)
+        always_on_ground = is_wheel if ground.schedule is None else ground.on_ground  # (contacts,)
+        carries = in_contact[rows] & always_on_ground  # (states, contacts)
         is_first_state = np.arange(start, start + len(points)) == 0
         compares_resting_feet = failing[rows] | is_first_state
         is_compared = carries.copy()
         if ground.schedule is None:
             is_slow = np.linalg.norm(velocities, axis=-1) < MAX_CARRYING_SPEED
             is_compared |= is_slow & ground.on_ground & compares_resting_feet[:, None]
-        for k in np.flatnonzero(carries.any(axis=1) | compares_resting_feet):
+        has_heights = carries.any(axis=1) | compares_resting_feet
+        for k in np.flatnonzero(has_heights):
             spread, plane_normal = _height_difference(points[k], is_compared[k], ground.normal)
             has_resting_feet = carries[k].sum() != is_compared[k].sum()
             may_be_lifted_foot = plane_normal is None and has_resting_feet
@@ -123,11 +128,11 @@ def _doubt_of_wheel_speeds(frames: list[str], normal_speeds: Array, is_wheel: Ar
 
 def _normal_argument(normal: Array) -> str:
     """Argument that states a normal, as the caller types it."""
-    numbers = [round(float(x), 4) + 0.0 for x in normal]  # + 0 turns -0 into 0
+    rounded_normal = [round(float(x), 4) + 0.0 for x in normal]  # + 0 turns -0 into 0
     if in_the_shell():
-        text = ",".join(map(number, numbers))
+        text = ",".join(map(number, rounded_normal))
         return spell(Argument("contact_normal", text))
-    return spell(Argument("contact_normal", numbers))
+    return spell(Argument("contact_normal", rounded_normal))
 
 
 def _height_difference(points: Array, is_compared: Array, normal: Array) -> tuple[float, Array | None]:
@@ -145,21 +150,22 @@ def _height_difference(points: Array, is_compared: Array, normal: Array) -> tupl
     if spread <= max(_MIN_HEIGHT_DIFFERENCE, _MAX_UNEVENNESS * distance):
         return 0.0, None
     centred = compared_points - compared_points.mean(axis=0)
-    _, widths, axes = np.linalg.svd(centred)
+    _, widths, axes = np.linalg.svd(centred)  # widest direction first
     if len(compared_points) <= 2 or widths[1] <= _MAX_DISTANCE_FROM_PLANE * widths[0]:  # nearly on one line
         return spread, None
-    max_distance_from_plane = float(np.abs(centred @ axes[2]).max())
+    plane_normal = axes[2]  # the narrowest direction
+    max_distance_from_plane = float(np.abs(centred @ plane_normal).max())
     if max_distance_from_plane > _MAX_DISTANCE_FROM_PLANE * spread:
         return spread, None
-    return spread, axes[2] * np.sign(axes[2] @ normal)  # upward
+    return spread, plane_normal * np.sign(plane_normal @ normal)  # upward
 
 
 def _doubt_of_heights(
     frames: list[str], points: Array, is_compared: Array, normal: Array, plane_normal: Array | None, time: float
 ) -> str:
-    """Doubt about contacts at different heights above level ground; with the normal of their plane if they lie on one."""
+    """Doubt about contacts at different heights; ``plane_normal`` is the normal of their plane, None if they lie on none."""
     heights = points @ normal
-    heights = heights - heights[is_compared].min()
+    heights = heights - heights[is_compared].min()  # above the lowest compared contact
     height_by_frame = {frames[k]: number(float(heights[k]), 2) for k in np.flatnonzero(is_compared)}
     texts = [f"{frame} {height} m" for frame, height in height_by_frame.items()]
     level_argument = _normal_argument(normal)

@@ -19,7 +19,7 @@ from .ground_support import GroundSupport
 _MAX_ROWS = 11
 """Largest number of rows of the table in a short report."""
 _MIN_FRICTION_SHARE = 1e-9
-"""Friction, relative to the largest normal force, below which a contact is not loaded."""
+"""Largest possible friction, relative to the largest normal force, below which a contact is not loaded."""
 
 
 def imbalance(found: GroundSupport) -> Iterator[Line]:
@@ -87,19 +87,20 @@ def _forces_on_frame(found: GroundSupport, frame: str) -> _FrameForces:
     pressing = normal_forces.sum(axis=1)
     peak_row = int(pressing.argmax())
     max_pressing = float(pressing[peak_row])
-    carrying = found.in_contact[:, contacts].any(axis=1) & found.balanced
+    carries = found.in_contact[:, contacts].any(axis=1) & found.balanced
     min_pressing = math.nan
-    if carrying.any():
-        min_pressing = float(pressing[carrying].min())
-    share = math.nan
+    if carries.any():
+        min_pressing = float(pressing[carries].min())
+    max_share = math.nan
     if friction.any():
         max_tangential = friction * normal_forces
-        is_loaded = max_tangential > _MIN_FRICTION_SHARE * max(1.0, max_pressing)
+        is_loaded = max_tangential > _MIN_FRICTION_SHARE * max(1.0, max_pressing)  # at least 1 N
         divisor = np.where(is_loaded, max_tangential, 1.0)
         shares = np.where(is_loaded, tangential_forces / divisor, 0.0)
-        share = float(shares.max(initial=0.0))
+        max_share = float(shares.max(initial=0.0))
     max_sideways = float(tangential_forces.sum(axis=1).max(initial=0.0))
-    return _FrameForces(max_pressing, min_pressing, max_sideways, share, float(found.time[peak_row]))
+    peak_time = float(found.time[peak_row])
+    return _FrameForces(max_pressing, min_pressing, max_sideways, max_share, peak_time)
 
 
 def _force_text(force: float) -> str:
@@ -124,18 +125,19 @@ def support_columns(found: GroundSupport) -> dict[str, Array]:
     columns: dict[str, Array] = {}
     _, points = contact_maps(found.robot, found.states.q, found.contacts)
     normals = found.ground.normals
-    axes = tangents(normals[0])
+    ground_axes = tangents(normals[0])  # x and y on the ground, (2, 3)
     for frame in found.ground.frames:
         contacts = found.ground.contacts_at(frame)
         forces = found.balanced_forces[:, contacts]
-        for axis, component in zip("xyz", forces.sum(axis=1).T, strict=True):
+        force_on_frame = forces.sum(axis=1)  # (n, 3)
+        for axis, component in zip("xyz", force_on_frame.T, strict=True):
             columns[f"{frame}.f{axis} [N]"] = component
         if len(contacts) > 1:
             normal_forces = (forces * normals[contacts]).sum(axis=-1)
             pressing = normal_forces.sum(axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):  # NaN where the frame does not carry
                 centre = np.einsum("nk,nkx->nx", normal_forces, points[:, contacts]) / pressing[:, None]
-            centre_on_ground = centre @ axes.T  # (n, 2)
+            centre_on_ground = centre @ ground_axes.T  # (n, 2)
             columns[f"{frame}.cop_x [m]"], columns[f"{frame}.cop_y [m]"] = centre_on_ground.T
         columns[f"{frame}.contact"] = found.in_contact[:, contacts].any(axis=1).astype(float)
     columns["speed_margin"] = found.speed

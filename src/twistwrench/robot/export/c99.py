@@ -124,26 +124,29 @@ def export_c(
     """
     prefix = prefix_of(robot, prefix)
     source_path = _source_path(path, prefix, label)
-    paths = {".h": source_path.with_suffix(".h"), ".c": source_path}
+    path_by_ending = {".h": source_path.with_suffix(".h"), ".c": source_path}
     if test:
-        paths["_test.c"] = source_path.with_name(f"{source_path.stem}_test.c")
-    paths_by_label = {label: source_path}  # names in messages
-    for ending, file in paths.items():
+        path_by_ending["_test.c"] = source_path.with_name(f"{source_path.stem}_test.c")
+    paths_by_label = {label: source_path}  # by their names in messages
+    for ending, file in path_by_ending.items():
         if ending != ".c":
             paths_by_label[f"{label} (its {ending})"] = file
-    check_outputs(paths_by_label, {"the robot": file_of(robot), **(inputs or {})})  # raises ValueRangeError
+    protected_files: dict[str, str | Path | None] = {"the robot": file_of(robot), **(inputs or {})}
+    check_outputs(paths_by_label, protected_files)  # raises ValueRangeError
     exports = requests(robot, quantities, precision, prefix)
     stem = source_path.stem
-    texts = {".h": header(robot, exports, stem, prefix), ".c": source(robot, exports, stem)}
+    text_by_ending = {".h": header(robot, exports, stem, prefix), ".c": source(robot, exports, stem)}
     if test:
-        texts["_test.c"] = self_test(robot, exports, stem)
-    with replacing_together(list(paths.values())) as temporary_files:
-        for ending, file in zip(paths, temporary_files, strict=True):
-            file.write_text(texts[ending], encoding="utf-8", newline="\n")
+        text_by_ending["_test.c"] = self_test(robot, exports, stem)
+    with replacing_together(list(path_by_ending.values())) as temporary_files:
+        for ending, file in zip(path_by_ending, temporary_files, strict=True):
+            file.write_text(text_by_ending[ending], encoding="utf-8", newline="\n")
     test_command = ""
     if test:
-        test_command = f"cc -O2 {quote(str(source_path))} {quote(str(paths['_test.c']))} -lm && ./a.out"
-    return Written(paths.values(), source_path, robot.name, test_command)
+        quoted_source = quote(str(source_path))
+        quoted_test = quote(str(path_by_ending["_test.c"]))
+        test_command = f"cc -O2 {quoted_source} {quoted_test} -lm && ./a.out"
+    return Written(path_by_ending.values(), source_path, robot.name, test_command)
 
 
 def export_cuda(
@@ -189,11 +192,11 @@ def export_cuda(
 def _cuda_source(robot: Robot, request: Request) -> str:
     """Text of the .cu file of one request. Raises KernelError for programs that are too long for NVIDIA's compiler."""
     function = request.function
-    length = len(function.program.instructions)
-    if length > _MAX_CUDA_LENGTH:
+    instruction_count = len(function.program.instructions)
+    if instruction_count > _MAX_CUDA_LENGTH:
         raise KernelError(
-            f"{request.quantity} takes {length} instructions, more than the {_MAX_CUDA_LENGTH} that NVIDIA's compiler handles "
-            "in reasonable time. Export parts of it."
+            f"{request.quantity} takes {instruction_count} instructions, more than the {_MAX_CUDA_LENGTH} that NVIDIA's "
+            "compiler handles in reasonable time. Export parts of it."
         )
     description = [
         f"{request.quantity} of the robot {robot.name} as a CUDA kernel, numbers of type {function.precision}. By twistwrench "
@@ -203,7 +206,8 @@ def _cuda_source(robot: Robot, request: Request) -> str:
         "Compile with -std=c++17 -fmad=false: products that are fused are fused here. As C++ (-ffp-contract=off) the",
         "function of the same name runs all blocks on the processor.",
     ]
-    return f"{comment(description)}\n{CudaFunction(function.name, function.program, function.precision).source}"
+    cuda_function = CudaFunction(function.name, function.program, function.precision)
+    return f"{comment(description)}\n{cuda_function.source}"
 
 
 def _source_path(path: str | Path, prefix: str, label: str) -> Path:
@@ -226,12 +230,12 @@ def _source_path(path: str | Path, prefix: str, label: str) -> Path:
 
 def file_of(robot: Robot) -> str | None:
     """Path of the file that the robot was read from; None if there is no such file."""
-    source = robot.model.source
+    path_or_text = robot.model.source  # may be empty
     try:
-        is_file = bool(source) and Path(source).is_file()
+        is_file = bool(path_or_text) and Path(path_or_text).is_file()
     except OSError:  # XML text is not a path
         return None
-    return source if is_file else None
+    return path_or_text if is_file else None
 
 
 complete(globals())

@@ -62,7 +62,8 @@ def entries(robot: Robot) -> Iterator[str]:
 
 def comment_lines(robot: Robot, request: Request) -> list[str]:
     """Comment lines of one function."""
-    function, program = request.function, request.function.program
+    function = request.function
+    program = function.program
     options = request.full
     lines = [f"{request.quantity}: {QUANTITIES[request.quantity].meaning}."]
     if "frame" in options:

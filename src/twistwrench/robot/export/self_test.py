@@ -79,7 +79,8 @@ def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
 def _data_and_test(robot: Robot, request: Request) -> tuple[str, str]:
     """C texts of one function: data of the states with expected results, and a function that tests it."""
     function = request.function
-    program, precision = function.program, function.precision
+    program = function.program
+    precision = function.precision
     dtype = np.float32 if precision == "float" else np.float64
     inputs = inputs_at_states(robot, request, dtype)
     kernel = robot.kernel(request.quantity, **request.options)
@@ -87,7 +88,9 @@ def _data_and_test(robot: Robot, request: Request) -> tuple[str, str]:
     ports = (*program.inputs, *program.outputs)
     table_names = [f"{function.name}_{parameter}" for parameter in function.parameters]
     arrays = (*inputs, *expected)
-    tables = [np.reshape(array, (STATES, port.size)) for port, array in zip(ports, arrays, strict=True)]
+    tables = [
+        np.reshape(array, (STATES, port.size)) for port, array in zip(ports, arrays, strict=True)
+    ]  # a row a state
     data = "\n".join(_table_text(name, table, precision) for name, table in zip(table_names, tables, strict=True))
     input_count = len(program.inputs)
     outputs = function.parameters[input_count:]
@@ -99,10 +102,10 @@ def _data_and_test(robot: Robot, request: Request) -> tuple[str, str]:
     arguments = ", ".join([*input_rows, *outputs])
     lines += [f"    for (int k = 0; k < {STATES}; k++) {{", f"        {function.name}({arguments});"]
     for output, name, table in zip(outputs, table_names[input_count:], tables[input_count:], strict=True):
-        size = _hex(largest_entry(table), precision)
+        largest_text = _hex(largest_entry(table), precision)
         lines += [
             "        {",
-            f"            const {precision} apart = gap({output}, {name}[k], {table.shape[1]}, {size});",
+            f"            const {precision} apart = gap({output}, {name}[k], {table.shape[1]}, {largest_text});",
             f"            if (worst_{output} >= {zero} && !(apart <= worst_{output}))",
             f"                worst_{output} = apart;",
             "        }",
@@ -160,7 +163,8 @@ def results_at_states(
                 f"{argument('test', False, option='no-test-program')}."
             )
         rounding_in_single = float(np.abs(in_single - in_double).max()) / largest_entry(in_double)
-        tolerances.append(_ROUNDING_MARGIN * max(rounding_in_single, _EPS["float"]) * _EPS[precision] / _EPS["float"])
+        single_tolerance = _ROUNDING_MARGIN * max(rounding_in_single, _EPS["float"])
+        tolerances.append(single_tolerance * _EPS[precision] / _EPS["float"])
     return expected, tolerances
 
 

@@ -39,7 +39,7 @@ class ExponentialKernel:
             with np.errstate(all="ignore"):
                 results: tuple[Array, Array] = self._batch_kernel(x)
                 return results
-        result_and_measure = self._call_row(x)
+        result_and_measure = self._call_row(x)  # entries of the result, then the measure
         return result_and_measure[:-1].reshape(self.result_shape), result_and_measure[-1]
 
     def call_kernel(self, x: Array) -> Array:

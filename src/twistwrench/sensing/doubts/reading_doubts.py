@@ -28,8 +28,10 @@ _MIN_MEDIAN_STEP = 1e-4
 """Smallest median step [rad] between the directions of consecutive readings of a log in motion."""
 _MAX_STEP = 0.2
 """Largest step [rad] between the directions of consecutive readings of a log in motion."""
+_SPHERE_PARAMETERS = 4
+"""Number of parameters of a sphere: centre and radius."""
 _MIN_READINGS_OF_SPHERE = 7
-"""Smallest number of readings for the fit of a sphere, which has four unknowns."""
+"""Smallest number of readings for the fit of a sphere."""
 MIN_READINGS_OF_MOTION = 10
 """Smallest number of readings for the test of motion."""
 _MIN_SINGULAR_SHARE = 1e-6
@@ -93,17 +95,19 @@ def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
     u = (f - mean) / scale  # forces in units in which their spread is 1
     A = np.column_stack([2 * u, np.ones(n)])
     x, _, rank, _ = np.linalg.lstsq(A, (u * u).sum(axis=1), rcond=_MIN_SINGULAR_SHARE)
-    if rank < 4:  # forces in a plane determine no sphere
+    if rank < _SPHERE_PARAMETERS:  # forces in a plane determine no sphere
         return None
     centre = x[:3]
     radius = math.sqrt(max(float(x[3] + centre @ centre), _TINY_SQUARE))
     deviations = np.linalg.norm(u - centre, axis=1) - radius
-    deviation = math.sqrt(float(deviations @ deviations) / (n - 4))  # a sphere has four parameters
+    freedom = n - _SPHERE_PARAMETERS
+    deviation = math.sqrt(float(deviations @ deviations) / freedom)
     noise = scale * max(deviation, _TINY_DEVIATION)
     if noise > MAX_NOISE_OF_RADIUS * radius * scale:
         return None
     _, force_noise = found.noise
-    if (force_noise / noise) ** 2 < special.fdtri(2 * n, n - 4, 1 - POSE_SIGNIFICANCE):
+    F = (force_noise / noise) ** 2
+    if special.fdtri(2 * n, freedom, 1 - POSE_SIGNIFICANCE) > F:
         return None
     return noise
 
@@ -118,7 +122,8 @@ def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
 
     if log.V is not None:
         return True
-    g, readings = log.gravity[kept], log.readings[kept]
+    g = log.gravity[kept]
+    readings = log.readings[kept]
     A = np.column_stack([np.ones(len(g)), g - g.mean(axis=0)])
     x, _, rank, _ = np.linalg.lstsq(A, readings, rcond=_MIN_SINGULAR_SHARE)
     scale = np.repeat(found.spread(kept), 3)
@@ -129,5 +134,5 @@ def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
     map_sum = float((((readings - A @ x) / scale) ** 2).sum())  # of squares
     fit_sum = float(((found.residuals[kept] / scale) ** 2).sum())
     additional_unknowns = fit_freedom - map_freedom
-    limit = float(special.fdtri(additional_unknowns, map_freedom, 1 - SEARCH_SIGNIFICANCE))
-    return (fit_sum - map_sum) / additional_unknowns - map_sum / map_freedom * limit > 0
+    max_F = float(special.fdtri(additional_unknowns, map_freedom, 1 - SEARCH_SIGNIFICANCE))
+    return (fit_sum - map_sum) / additional_unknowns - map_sum / map_freedom * max_F > 0

@@ -38,6 +38,8 @@ _MIN_TIME_SCALE = 1e-3
 """Least time to which the smallest step is relative [s]."""
 _LONGER_LAST_STEP = 1.01
 """Ratio up to which a step is longer than it should be rather than a tiny step before the end."""
+_MIN_SHARE_OF_STEP = 0.99
+"""Ratio of a step to the step that the error allows, below which the step is shortened."""
 _FIRST_CHANGE = 0.01
 """Relative change of the state in the first step."""
 _MIN_SIZE_OF_STATE = 1e-5
@@ -86,7 +88,7 @@ class Stepper:
         max_factor = MAX_STEP_FACTOR
         while True:
             reaches_end = t + _LONGER_LAST_STEP * h >= until
-            t1 = until if reaches_end else t + h
+            t1 = until if reaches_end else t + h  # end of the step
             step = t1 - t
             error, steepness, distance, self.speed = trials.attempt(t, y, rate, step)
             self.stiffness.note(t, step, steepness, distance)
@@ -98,7 +100,7 @@ class Stepper:
                 factor = max_factor
                 if error > 0:
                     factor = min(max_factor, self._step_factor(error))
-                is_shortened = step < 0.99 * h  # by ``until``: such a step does not predict the next step
+                is_shortened = step < _MIN_SHARE_OF_STEP * h  # by ``until``: such a step does not predict the next step
                 if not is_shortened or factor < 1.0:
                     self.h = step * factor
                 trials.accept()
@@ -153,7 +155,7 @@ class Stepper:
         return np.asarray(position_errors + spans * errors[self.system.moving])
 
     def _missed_change(self, t: float, h: float, y: Array, y1: Array, K: Array) -> float:
-        """Size of the velocity change that callbacks cause between the stages of a step, relative to the tolerance."""
+        """Change (rms) of the velocities that callbacks cause between the stages of a step, relative to the tolerance."""
         Q = self.scheme.dense.T @ K
         missed_impulse = self.probes.impulses(t, h, lambda shares: y + h * _dense_change(shares[:, None], Q))
         if not missed_impulse.any():
@@ -179,7 +181,9 @@ def _dense_change(shares: Any, Q: Array) -> Array:
 
 
 MAX_DENSE_ENTRIES = 2_000_000
-"""Largest number of entries of the states evaluated at once."""
+"""Largest number of entries of all arrays of states evaluated at once."""
+_ARRAYS_OF_STATES = 5
+"""Number of arrays of this size that an evaluation may hold at once."""
 
 
 def run_dense(run: Run, stepper: Stepper, trials: TrialSteps) -> None:
@@ -201,7 +205,8 @@ def run_dense(run: Run, stepper: Stepper, trials: TrialSteps) -> None:
                 return
             _, h, _, _ = stepper.last
             due_steps.add(t, h)
-            t, y, rate = t1, y1, stepper.rate_after
+            t, y = t1, y1
+            rate = stepper.rate_after
             if not is_flat:  # the rates of normalised quaternions differ from those of the last stage
                 rate = rate.copy()
                 system.manifold.rates(*system.split(y), out=rate[: system.nq])
@@ -235,7 +240,7 @@ class _DueSteps:
         _, first_state = run.last
         self.first_state = first_state.copy()
         """State at the start of the first step."""
-        self._max_states = max(1, MAX_DENSE_ENTRIES // (5 * run.system.size))
+        self._max_states = max(1, MAX_DENSE_ENTRIES // (_ARRAYS_OF_STATES * run.system.size))
         """Largest number of states evaluated at once."""
 
     @property
@@ -264,7 +269,7 @@ class _DueSteps:
         Q = np.tensordot(self.dense.T, self.trials.rates[:n], axes=(1, 1))  # (powers, n, size)
         max_states = self._max_states
         if run.detector is not None:
-            max_states = run.n  # nothing is stored before all is checked
+            max_states = run.n  # all at once, as nothing is stored before all is checked
         while True:
             stop = min(self.stored_count + max_states, int(t1[-1] / spacing) + 2)
             due_times = np.arange(self.stored_count, stop) * spacing
@@ -295,7 +300,8 @@ class _DueSteps:
         ``before`` (n, size) are the states at the starts of the steps. ``between`` (m, size) are the states to be stored:
         in the steps k (m,), at the times ``time_in_step`` (m,) after the starts of these steps.
         """
-        run, trials = self.run, self.trials
+        run = self.run
+        trials = self.trials
         n = len(self.steps)
         assert run.detector is not None
         first_row = np.searchsorted(k, np.arange(n + 1)).tolist()  # of each step in ``between``

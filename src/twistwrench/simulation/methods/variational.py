@@ -39,7 +39,9 @@ MAX_CONTRACTION = 0.3
 """Largest ratio of a change to the one before it if iterations converge well. Above it, a tiny change is rounding error; after
 a change that is not tiny, secant updates begin."""
 _CONVERGED_CHANGE = 1e-16
-"""Change relative to the velocities that is expected next at which the iteration ends."""
+"""Expected size of the next change, relative to the velocities, at which the iteration ends."""
+_MIN_SPEED = 1e-300
+"""Speed in place of 0 to which changes are relative [rad/s or m/s]."""
 _MAX_ROUNDING = 1e-11
 """Largest change relative to the velocities that may be rounding error."""
 
@@ -126,7 +128,8 @@ class Variational:
         self.fractions = COMPOSITIONS[order]
         """Lengths of the midpoint steps, as fractions of a step."""
         lengths = np.array(self.fractions)
-        self.quadrature = np.cumsum(lengths) - 0.5 * lengths, lengths
+        midpoints = np.cumsum(lengths) - 0.5 * lengths
+        self.quadrature = midpoints, lengths
         """Midpoints and lengths of the midpoint steps, as fractions of a step."""
         self.terms = system.robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
         self.groups = system.manifold.groups
@@ -162,7 +165,7 @@ class Variational:
         powers = np.zeros(len(WORKS))
         secant: _Secant | None = None
         previous_size = np.inf
-        initial_speed = float(np.abs(xi).max()) or 1e-300  # the robot may come to rest in a step
+        initial_speed = max(float(np.abs(xi).max()), _MIN_SPEED)  # the robot may come to rest in a step
         for _ in range(MAX_ITERATIONS):
             middle = system.manifold.move(q0, 0.5 * h * xi)
             M, C, bias = self.terms(middle, xi)

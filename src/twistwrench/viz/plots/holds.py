@@ -27,7 +27,7 @@ __all__ = ["plot_mounting", "plot_support"]
 _ARROW_ORDER = 5.0
 """Drawing order (zorder) of the arrows, above the robot."""
 _MAX_FORCE_LENGTH = 0.4
-"""Length of the largest contact force in the picture, relative to the extent of the contacts and the robot."""
+"""Length of the largest contact force in the picture, relative to the extent of the contacts."""
 _ARROW_STYLE = {"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 1.8}
 """Style of a contact force."""
 _MIN_DRAWN_FORCE = 1e-3
@@ -86,7 +86,7 @@ def plot_support(
     has_zero_moment_point = bool(np.isfinite(found.zmp).any())
     has_pictures = has_robot or has_zero_moment_point  # in the first row of plots
     has_curves = row_count > 1 or not has_pictures  # in the last row of plots
-    plot_rows = has_pictures + has_curves
+    plot_rows = int(has_pictures) + int(has_curves)
     with style.figure(_WIDTH, _ROW_HEIGHT * plot_rows, str(found), "Drawing contact forces") as drawn:
         grid = drawn.add_gridspec(plot_rows, 2)
         if has_robot:
@@ -118,10 +118,12 @@ def _draw_robot(axis: style.Axes, found: Support, robot: Any, q: Any, points: Ar
     style.titles(axis, title)
     forces = np.nan_to_num(found.forces[row])
     max_force = float(np.linalg.norm(forces, axis=1).max(initial=0.0))
-    size = float(np.ptp(points[row], axis=0).max(initial=0.0)) or 1.0  # 1 m for a single contact
+    extent = float(np.ptp(points[row], axis=0).max(initial=0.0))
+    if extent == 0.0:  # a single contact
+        extent = 1.0  # [m]
     for point, force in zip(points[row], forces, strict=True):
         if np.linalg.norm(force) > _MIN_DRAWN_FORCE * max_force > 0:
-            end_point = point + _MAX_FORCE_LENGTH * size * force / max_force
+            end_point = point + _MAX_FORCE_LENGTH * extent * force / max_force
             picture_points, _ = camera.project([point, end_point])
             start, end = picture_points
             axis.annotate("", end, start, arrowprops=_ARROW_STYLE, zorder=_ARROW_ORDER)
@@ -188,7 +190,8 @@ def _draw_cones(axis: style.Axes, found: Support, t: Array) -> None:
     carries = max_tangential > _MIN_RELATIVE_FRICTION * max_pressure
     divisor = np.where(max_tangential > 0, max_tangential, 1.0)
     shares = np.where(carries, tangential_forces / divisor, np.nan)
-    for k, (name, contact_indices) in enumerate(_contacts_by_frame(found).items()):
+    contacts_by_frame = _contacts_by_frame(found)
+    for k, (name, contact_indices) in enumerate(contacts_by_frame.items()):
         own_shares = shares[:, contact_indices]
         max_shares = np.where(np.isnan(own_shares), -np.inf, own_shares).max(axis=1)  # -inf where no contact carries
         percentages = np.where(np.isfinite(max_shares), 100 * max_shares, np.nan)
@@ -208,7 +211,7 @@ def _contacts_by_frame(found: Support) -> dict[str, list[int]]:
         contacts_by_frame.setdefault(name, []).append(k)
     if len(contacts_by_frame) != 1 or len(found.contacts) == 1:
         return contacts_by_frame
-    (name,) = contacts_by_frame
+    (name,) = contacts_by_frame  # the only name
     return {f"{name} {k + 1}": [k] for k in contacts_by_frame[name]}
 
 
@@ -240,8 +243,7 @@ def plot_mounting(load: MountingLoad, path: str | Path, *, time: ArrayLike, bolt
     plot_rows = 1 if bolt_loads is None else 2
     with style.figure(_WIDTH, _ROW_HEIGHT * plot_rows, str(load), "Drawing the load of a mounting") as drawn:
         axes = drawn.subplots(plot_rows, 2, sharex=True, squeeze=False)
-        panels: list[tuple[str, Array, tuple[str, ...]]]  # title, values (n, curves), labels of the curves
-        panels = [
+        panels: list[tuple[str, Array, tuple[str, ...]]] = [  # title, values (n, curves), labels of the curves
             ("Force on the foundation [N]", load.wrench[:, 3:], WRENCH[3:]),
             ("Moment on the foundation [N m]", load.wrench[:, :3], WRENCH[:3]),
         ]
