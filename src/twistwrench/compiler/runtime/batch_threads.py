@@ -161,9 +161,8 @@ def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
         return None
     ports = owner.given.outputs
     min_size = ONE_ROOM if len(ports) == 1 else SEVERAL_ROOMS
-    if (
-        owner.result_size * first.size < min_size * owner.given.inputs[0].size
-    ):  # estimate: other inputs may have more samples
+    # An estimate: other inputs may have more samples.
+    if owner.result_size * first.size < min_size * owner.given.inputs[0].size:
         return None
     batch = _batch(arrays, owner.given.inputs)
     if batch is None:
