@@ -106,9 +106,8 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, is_bottom_pan
     is_over_limit = over_limit(joint.share)
     colour = style.OVER if is_over_limit else style.LINE
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
-    if (
-        report.derived is not None
-    ):  # torques of the unsmoothed log: pale, and clipped if they would flatten the main curve
+    # Torques of the unsmoothed log are pale, and clipped if they would flatten the main curve.
+    if report.derived is not None:
         _draw_envelope(axis, report, report.derived.envelope, k, style.PALE, 1)
     low, high = _draw_envelope(axis, report, report.envelope, k, style.LINE, 3)
     if report.band is not None:  # interval of single torques
