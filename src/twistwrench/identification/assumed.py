@@ -353,7 +353,7 @@ def fit_covariance(trial: Trial, E: Array, x: Array, sigma: Array, weights: Arra
     """Covariance of [x, β] at the chosen settings."""
     rows = trial.rows
     W = np.concatenate([trial.W, E], axis=2)
-    solution = np.append(x, np.zeros(E.shape[2]))  # rows are corrected, so β is zero
+    solution = np.append(x, np.zeros(E.shape[2]))  # the log is corrected, so the change of β is zero
     return group_covariance(
         W, trial.tau, solution, sigma, weights, prior_with(prior, E, trial.tau),
         rows.time, rows.log, (rows.position, rows.speed), trial.changes(x),
