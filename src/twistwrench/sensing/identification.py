@@ -27,7 +27,7 @@ from .observability import advice, blind_spots
 from .outliers import least_rows, reject_outliers, touched_in_static_poses
 from .result import Identification
 from .sensor import Sign, sign_factor
-from .static_poses import static_poses
+from .static_poses import StaticPoses, static_poses
 from .unknowns import Unknowns
 
 MIN_ROWS_IN_ORDER = 8
@@ -150,17 +150,22 @@ def identify(
         cluster_of_row = np.arange(len(is_kept)) // white.length
         problem = replace(problem, label=cluster_of_row, state=best_fit.state)
         best_fit = fit(problem, keep=is_kept)
-    is_between_dwells = np.zeros(len(log), bool)
-    is_between_dwells[is_used] = poses.row < 0  # readings without a row
-    is_outlier = ~is_used
-    is_reading_kept = poses.spread(is_kept)  # from rows to readings
-    is_outlier[is_used] = ~is_reading_kept & ~is_between_dwells[is_used]
-    used_readings = UsedReadings(is_outlier, is_between_dwells, poses.label, white)
+    used_readings = _used_readings(is_used, poses, is_kept, white)
     return acceptance_test(Diagnosis(sign, best_fit, is_kept), confidence, problem, log, used_readings)
 
 
 _MAX_BLIND_SPOTS = 3
 """Largest number of sentences on unobservable unknowns in an error message."""
+
+
+def _used_readings(is_used: Array, poses: StaticPoses, is_kept: Array, white: Whiteness | None) -> UsedReadings:
+    """Use of each reading, from the masks of used readings (N,) and of kept rows (n,)."""
+    is_between_dwells = np.zeros(len(is_used), bool)
+    is_between_dwells[is_used] = poses.row < 0  # readings without a row
+    is_outlier = ~is_used
+    is_reading_kept = poses.spread(is_kept)  # from rows to readings
+    is_outlier[is_used] = ~is_reading_kept & ~is_between_dwells[is_used]
+    return UsedReadings(is_outlier, is_between_dwells, poses.label, white)
 
 
 def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
