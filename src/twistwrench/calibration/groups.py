@@ -22,7 +22,7 @@ from .fit import CalibrationFit, Estimate, IndependentParameters
 _CLEAR_REMAINDER = 5e-2
 """Length of a column without its part along the kept columns, as a share of its length, from which the first pass keeps it."""
 _MIN_REMAINDER = 1e-3
-"""Such a share from which the second pass keeps a column."""
+"""Share of the same kind, from which the second pass keeps a column."""
 _CLEAR_LENGTH = 1e-3
 """Length of a column, as a share of the longest, below which the first pass leaves it out.
 
@@ -40,8 +40,11 @@ _MIN_FACTOR = 1e-4
 # both the file's error and the noise of a reading.
 
 _MAX_RATIO_TO_NOISE_PART = 3.0
+"""Ratio of the predicted error to its part by noise."""
 _MAX_SHARE_OF_FILE_ERROR = 0.1
+"""Predicted error as a share of the file's error."""
 _MAX_RATIO_TO_READING_NOISE = 2.0
+"""Ratio of the predicted error to the noise of a reading."""
 _NEGLIGIBLE_ERROR = 1e-6
 """Predicted error of the tip [m] that is negligible."""
 _WIDE_DEVIATION = 10.0
@@ -50,7 +53,7 @@ _WIDE_DEVIATION = 10.0
 
 @dataclass(frozen=True, eq=False)
 class ParameterGroup:
-    """Parameter, with multiples of others that have the same effect on the readings."""
+    """Sum of a parameter and multiples of others, which readings cannot tell apart."""
 
     name: str
     """Parameter that leads the group."""
@@ -63,7 +66,7 @@ class ParameterGroup:
     freedom: float
     """Degrees of freedom of the deviation."""
     is_length: bool
-    """True if the value is in m, False if in rad; gears and sags have units of their own."""
+    """True if the value is in m. False if it is in rad, or of a gear or sag: see :attr:`unit`."""
 
     @property
     def unit(self) -> str:
@@ -116,8 +119,8 @@ def _preference(name: str) -> int:
         return 1
     if kind in LENGTHS:
         return 3
-    angles = 6
-    return {"zero": 2, "gear": 4, "sag": 5}.get(kind, angles)
+    rank_by_kind = {"zero": 2, "gear": 4, "sag": 5}
+    return rank_by_kind.get(kind, 6)  # 6: angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +132,7 @@ class ParameterGroups:
 
     @cached_property
     def independent_columns(self) -> list[int]:
-        """Indices of independent columns: those that were fitted, or those found by Gram-Schmidt in the order of preference."""
+        """Indices of independent columns: the fitted ones, or else found by Gram-Schmidt in the order of preference."""
         if self.fit.problem.independent is not None:
             return list(self.fit.problem.independent.columns)
         A, _ = self.fit.weighted_rows
@@ -138,7 +141,10 @@ class ParameterGroups:
         preferred_first = sorted(range(len(names)), key=lambda k: _preference(names[k]))
         Q = np.zeros((len(A), 0))  # orthonormal basis of the kept columns
         kept_columns = list[int]()
-        passes = ((_CLEAR_REMAINDER, _CLEAR_LENGTH), (_MIN_REMAINDER, _MIN_LENGTH))
+        passes = (  # least remainder, least length; both as shares
+            (_CLEAR_REMAINDER, _CLEAR_LENGTH),
+            (_MIN_REMAINDER, _MIN_LENGTH),
+        )
         for (min_remainder, min_length), k in product(passes, preferred_first):
             if k in kept_columns or lengths[k] < min_length * lengths.max():
                 continue
@@ -162,14 +168,15 @@ class ParameterGroups:
 
         The rank of the chain is that by the target whose kind of reading determines most.
         """
-        chain, targets = self.fit.problem.chain, self.fit.state.targets
+        chain = self.fit.problem.chain
+        targets = self.fit.state.targets
         turning_count = sum(chain.turning)
         sliding_count = len(chain.turning) - turning_count
         chain_ranks = [target.freedom(turning_count, sliding_count) - len(target.names) for target in targets]
         target_unknowns = sum(len(target.names) for target in targets)
-        gears = len(chain.joints) if "gears" in chain.assume else 0
-        sags = len(chain.loaded_joints)
-        return max(chain_ranks) + target_unknowns + gears + sags
+        gear_count = len(chain.joints) if "gears" in chain.assume else 0
+        sag_count = len(chain.loaded_joints)
+        return max(chain_ranks) + target_unknowns + gear_count + sag_count
 
     @cached_property
     def covariance(self) -> Array:
@@ -182,11 +189,11 @@ class ParameterGroups:
         prior_information = prior.T @ prior
         N = information[np.ix_(columns, columns)]
         N[: len(prior), : len(prior)] += prior_information[np.ix_(columns_of_chain, columns_of_chain)]
-        size = np.sqrt(N.diagonal()) + 1e-300  # not zero
+        size = np.sqrt(N.diagonal()) + 1e-300  # never zero
         scales = np.outer(size, size)  # radians and metres differ widely
-        regular = N / scales + 1e-13 * np.eye(len(N))  # despite rounding errors
+        regular = N / scales + 1e-13 * np.eye(len(N))  # invertible despite rounding errors
         inverse = np.linalg.inv(regular) / scales
-        residual_variance = max(float(y @ y) / self.freedom, 1e-12)
+        residual_variance = max(float(y @ y) / self.freedom, 1e-12)  # not zero for readings without noise
         return np.asarray(inverse * residual_variance)
 
     @property
@@ -194,8 +201,8 @@ class ParameterGroups:
         """Degrees of freedom of the residual."""
         used_rows = 0.0
         for W in self.fit.weights:
-            used_readings = float((W[:, -1] > 0).sum())
-            used_rows += used_readings * W.shape[1]
+            is_used = W[:, -1] > 0  # a reading that is left out has weight zero in all its rows
+            used_rows += float(is_used.sum()) * W.shape[1]
         return max(used_rows - self.rank, 1.0)
 
     @cached_property
@@ -205,11 +212,11 @@ class ParameterGroups:
             return self.fit.problem.independent
         A, _ = self.fit.weighted_rows
         p = len(self.fit.problem.chain.parameters)
-        columns = sorted(self.independent_columns, key=lambda k: k >= p)  # columns of the chain before those of targets
+        columns = sorted(self.independent_columns, key=lambda k: k >= p)  # stable: first the chain's, then the targets'
         dependent_columns = [k for k in range(p) if k not in columns]
         size = np.linalg.norm(A[:, columns], axis=0)
         scaled_factors, *_ = np.linalg.lstsq(A[:, columns] / size, A[:, dependent_columns], rcond=None)
-        K = scaled_factors / size[:, None]
+        K = scaled_factors / size[:, None]  # dependent columns = independent columns times K
         K[np.abs(K) < _MIN_FACTOR] = 0.0
         group_count = sum(k < p for k in columns)  # of the chain
         terms = np.zeros((group_count, p))
@@ -247,9 +254,11 @@ def fitted_in_groups(fit: CalibrationFit) -> CalibrationFit:
     A group's value is linear in its parameters only if these are small: an offset of 5° that is distributed over the joints of
     parallel axes adds up to less. With one parameter, the value is exact.
 
-    The fit is returned unchanged in three cases: the readings lack a length; they determine fewer groups than other readings
-    would; one parameter of each group does not fit as well. In the first two cases, the file decides, and all of its lengths
-    are better than few.
+    The fit is returned unchanged in three cases:
+
+    - the readings contain no length
+    - they determine fewer groups than other readings would
+    - one parameter of each group does not fit as well
     """
     chain = fit.problem.chain
     grouped_fit = fit
@@ -259,12 +268,13 @@ def fitted_in_groups(fit: CalibrationFit) -> CalibrationFit:
         columns = groups.independent.columns
         if fit.problem.is_scaleless or groups.rank < groups.theory:
             return fit
-        # the choice depends on the geometry: it is repeated until an offset no longer distorts it
+        # The choice of columns depends on the fitted geometry, so it is repeated until it stays the same.
         if set(columns) == previous_columns:
             break
         previous_columns = set(columns)
         values = np.zeros(len(chain.parameters))
-        values[list(columns[: len(groups.values)])] = groups.values
+        chosen_columns = list(columns[: len(groups.values)])  # of the chain
+        values[chosen_columns] = groups.values
         problem = replace(fit.problem, independent=groups.independent)
         grouped_fit = problem.solve(Estimate(chain.corrections(values), grouped_fit.state.targets))
     return grouped_fit if grouped_fit.rms <= _MAX_RESIDUAL_RATIO * fit.rms else fit
@@ -299,12 +309,13 @@ class Remaining:
     def wide(self) -> Array:
         """Standard deviations of all parameters before any reading: by the file, and wide ones for tip and targets."""
         length, angle = self.file_accuracy
+        # Factors of gears and sags, and the tip's place [m] and orientation [rad], are known only roughly.
         chain_deviations = self.fit.problem.chain.scales(angle, length, gear=1e-3, sag=1e-3, tip=(0.5, 0.3))
         target_unknowns = len(self.fit.names) - len(chain_deviations)
         return np.concatenate([chain_deviations, np.full(target_unknowns, _WIDE_DEVIATION)])
 
     def _information(self, weighted_rows: Array) -> tuple[Array, Array]:
-        """Eigenvalues and eigenvectors of A' W A of some weighted rows, for parameters in units of :attr:`wide`."""
+        """Eigenvalues and eigenvectors of A' W A from the given weighted rows, for parameters in units of :attr:`wide`."""
         S = weighted_rows * self.wide
         values, U = np.linalg.eigh(S.T @ S)
         return np.maximum(values, 0.0), U
@@ -321,13 +332,16 @@ class Remaining:
         T, J = chain.poses(q, chain.loads(q), self.fit.state.corrections)
         by_turning = -so3.hat(T[:, :3, 3])
         by_sliding = np.broadcast_to(np.eye(3), (len(q), 3, 3))
-        return point_columns(T, J), np.concatenate([by_turning, by_sliding], axis=2)
+        by_base_motion = np.concatenate([by_turning, by_sliding], axis=2)
+        return point_columns(T, J), by_base_motion
 
     @cached_property
     def _base_motions(self) -> Array:
         """Rigid motion (6, p) of the base that is nearest to each parameter's velocities over the configurations."""
         J, J_base = self._columns(self.q)
-        base_motions, *_ = np.linalg.lstsq(J_base.reshape(-1, 6), J.reshape(-1, J.shape[2]), rcond=None)
+        base_rows = J_base.reshape(-1, 6)
+        parameter_rows = J.reshape(-1, J.shape[2])
+        base_motions, *_ = np.linalg.lstsq(base_rows, parameter_rows, rcond=None)
         return base_motions
 
     def _scaled_columns(self, q: Array) -> Array:
@@ -363,7 +377,7 @@ class Remaining:
 
     @cached_property
     def by_file(self) -> float:
-        """Root mean square over the configurations without any reading [m], if the target's place on the tip is known."""
+        """RMS error of the tip before any reading [m], if the target's place on the tip is known."""
         errors = self._scaled_columns(self.q)[..., :-6]  # without the six parameters of the tip
         squares = (errors**2).sum(axis=(1, 2))
         return float(np.sqrt(squares.mean()))

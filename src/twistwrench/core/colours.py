@@ -16,7 +16,7 @@ NEAR_LIMIT = 0.8
 
 
 class Style(StrEnum):
-    """Meaning of a colour. A word or a bar beside the colour always has the same meaning."""
+    """Meaning of a colour. A word or a bar beside the colour says the same."""
 
     OVER = "over"
     """Value beyond a limit, fault, contradiction or collision."""
@@ -59,7 +59,7 @@ COLOURS: Mapping[Style, Colour] = MappingProxyType(
         Style.QUIET: Colour("grey", "dim", "#5b6672", "#a3afbc", "#6b7079", (0.45, 0.52, 0.62)),
     }
 )
-"""Colour of each meaning; coloured text has a contrast of at least 4.5 : 1 on light and on dark pages."""
+"""Colour of each meaning. Coloured text has a contrast of at least 4.5 : 1 on light and on dark pages."""
 
 
 def strong(style: Style) -> str:
@@ -98,7 +98,12 @@ def terminal_style(names: str) -> str:
     >>> terminal_style("strong over")
     'bold red'
     """
-    terminal_names = ["bold" if name == Style.STRONG else COLOURS[Style(name)].terminal for name in names.split()]
+    terminal_names = []
+    for name in names.split():
+        terminal_name = "bold"
+        if name != Style.STRONG:
+            terminal_name = COLOURS[Style(name)].terminal
+        terminal_names.append(terminal_name)
     return " ".join(terminal_names)
 
 
@@ -114,4 +119,6 @@ def page_colours() -> str:
     """
     light = " ".join(f"--{style}: {colour.light};" for style, colour in COLOURS.items())
     dark = " ".join(f"--{style}: {colour.dark};" for style, colour in COLOURS.items())
-    return f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ @media screen {{ :root {{ {dark} }} }} }}\n"
+    light_rule = f":root {{ {light} }}"
+    dark_rule = f":root {{ {dark} }}"
+    return f"{light_rule}\n@media (prefers-color-scheme: dark) {{ @media screen {{ {dark_rule} }} }}\n"

@@ -1,6 +1,6 @@
 """Table of doubts about logs: test, threshold, rate of false alarms and remedy of each doubt.
 
-The rows are data in ``doubts.toml``. A test that finds a cause creates a :class:`Doubt` from the row named like the cause.
+The rows are data in ``doubts.toml``, each named by a cause. A test that finds the cause creates a :class:`Doubt` from the row.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ def _rows(file: str) -> dict[str, dict[str, Any]]:
     """Rows of a TOML file of this folder, by name."""
     import tomllib
 
-    return tomllib.loads(Path(__file__).with_name(file).read_text(encoding="utf-8"))
+    path = Path(__file__).with_name(file)
+    return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 @cache
@@ -88,9 +89,8 @@ class Doubt:
     interval : (float, float), optional, 95 % interval of the value
     unit : str
     statistic : float, optional, S = Σ log(σ² without the cause / σ² with it) over the joints
-    share : float, optional, share of the squared residual that the cause explains, at the joint with the largest reduction
-    effect : float, optional, largest change of predicted torques in another motion, as a share of a joint's torque
-    (rms)
+    share : float, optional, share of the squared residual that the cause explains, at the joint where it explains most
+    effect : float, optional, largest change of predicted torques in another motion, as a share of a joint's RMS torque
     remedy : str, the part of the sentence that says what to do; empty without a remedy
 
     Examples
@@ -148,7 +148,8 @@ class Doubt:
         """
         row = asdict(doubt_table()[self.kind])
         fields = asdict(self) | {"refuses": self.refuses, "joints": list(self.joints)}
-        return fields | {name: row[name] for name in ("stage", "tests", "threshold", "false_alarms")}
+        fields_of_row = {name: row[name] for name in ("stage", "tests", "threshold", "false_alarms")}
+        return fields | fields_of_row
 
 
 def doubt(
@@ -163,9 +164,12 @@ def doubt(
 ) -> Doubt:
     """Doubt of the row ``kind``. ``words`` fill the placeholders of its sentence and remedy.
 
-    Arguments among the words are spelled as the caller types them. ``found`` are other fields of :class:`Doubt`. ``level``
-    replaces the row's level, and ``named`` the names of the joints in the sentence. If ``log``, the name of a file, is given,
-    the sentence begins with it.
+    - ``named``: text in place of the names of the joints in the sentence
+    - ``level``: level in place of the row's level
+    - ``log``: name of a file with which the sentence begins; empty for none
+    - ``found``: other fields of :class:`Doubt`
+
+    An :class:`.Argument` among the words is spelled as the caller types it.
     """
     row = doubt_table().get(kind)
     if row is None:
@@ -179,10 +183,10 @@ def doubt(
     sentence = f"{evidence} {remedy}".strip()
     if log:
         sentence = f"{log}: {sentence}"
-    if level is None:
-        level = "unsure"  # for "effect", until the change of predicted torques is known
-        if row.level != "effect":
-            level = row.level
+    if level is None and row.level != "effect":
+        level = row.level
+    elif level is None:
+        level = "unsure"  # until the change of predicted torques is known
     return Doubt(kind, sentence, tuple(joints), level, remedy=remedy, **(found or {}))
 
 

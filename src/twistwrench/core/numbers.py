@@ -1,12 +1,12 @@
 """Rules of printed numbers in every table, report, picture and ``repr``.
 
-* A number has four significant digits without trailing zeros; below a million its integer part is complete.
+* A number has four significant digits without trailing zeros; below a million all digits of its integer part are printed.
 * A computed torque also has four significant digits, with trailing zeros, and at most three decimals.
-* A standard deviation has two digits, including trailing zeros, and its estimate has as many decimals.
+* A standard deviation has two digits, including trailing zeros. Its estimate has as many decimals.
 * An unknown value, or a missing limit, is :data:`MISSING`.
-* Within a sentence, especially of an error, a number has six digits or the given number, and nan and inf are printed.
-* A fraction is a whole percentage, or has the given digits.
-* A fraction of a limit is 100 % only at the limit: values near it have the digits that show the difference.
+* Within a sentence, as in an error message, a number has six digits by default, and nan and inf are printed.
+* A fraction is a whole percentage by default.
+* A fraction of a limit is 100 % only at the limit: other values have enough decimals to differ from 100 %.
 * A limit is exceeded beyond rounding to float32 and to six digits in files: :func:`over_limit`.
 * A time within a motion has milliseconds. A residual has two digits and its power of ten.
 * In files that programs read, a number has ten digits.
@@ -50,7 +50,7 @@ def number(
 ) -> str:
     """Number for display, with significant ``digits`` and at most ``decimals``.
 
-    ``missing`` is the text for None, nan and infinity. Values below the last of ``decimals`` are rounding errors.
+    ``missing`` is the text for None, nan and infinity. Values too small for ``decimals`` print as 0.
 
     >>> number(-62.2648), number(12345.6), number(0.5, decimals=3), number(2e-5, decimals=3), number(float("inf"))
     ('-62.26', '12346', '0.5', '0', '–')
@@ -63,14 +63,14 @@ def number(
     if decimals is not None:
         x = round(x, decimals)
     x += 0.0  # no negative zero
-    min_whole = 10.0**digits - 0.5  # rounds to more digits before the decimal point than ``digits``
+    min_whole = 10.0**digits - 0.5  # from here the integer part has more than ``digits`` digits, after rounding
     if min_whole <= abs(x) < _MIN_ABBREVIATED:
         return f"{x:.0f}"
     return f"{x:.{digits}g}"
 
 
 def rounded_down(value: SupportsFloat) -> str:
-    """Nonnegative number with the digits of :func:`number`, but rounded down, for allowed maxima.
+    """Nonnegative number with the digits of :func:`number`, but rounded down: a maximum that is printed must be allowed.
 
     >>> rounded_down(11.3295), rounded_down(0.3), rounded_down(2.0), rounded_down(0.0)
     ('11.32', '0.3', '2', '0')
@@ -79,12 +79,13 @@ def rounded_down(value: SupportsFloat) -> str:
     if not 0.0 < value < math.inf:
         return number(value)
     unit_of_last_digit = 10.0 ** (math.floor(math.log10(value)) - DIGITS + 1)
-    whole_units = math.floor(value / unit_of_last_digit * (1.0 + _MAX_ROUNDING))  # 0.3 is not rounded down to 0.2999
+    value_in_units = value / unit_of_last_digit * (1.0 + _MAX_ROUNDING)  # so 0.3 is not rounded down to 0.2999
+    whole_units = math.floor(value_in_units)
     return number(whole_units * unit_of_last_digit)
 
 
 def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> str:
-    """Number within a sentence, such as an error message: six digits for a given number, fewer ``digits`` for a computed one.
+    """Number within a sentence, such as an error message; nan and inf are printed.
 
     >>> printed(0.1234567), printed(1e-9), printed(12.3456, 3), printed(2.0, signed=True), printed(float("nan"))
     ('0.123457', '1e-09', '12.3', '+2', 'nan')
@@ -106,11 +107,12 @@ def torque(value: float) -> str:
 
     It has at most :data:`_TORQUE_DECIMALS`.
     """
-    min_visible = 5e-4  # less rounds to zero
-    if not min_visible <= abs(value) < _MIN_ABBREVIATED:
+    min_visible = 0.5 * 10.0**-_TORQUE_DECIMALS  # less rounds to zero
+    has_trailing_zeros = min_visible <= abs(value) < _MIN_ABBREVIATED
+    if not has_trailing_zeros:
         return number(value, decimals=_TORQUE_DECIMALS)
-    decimals = DIGITS - 1 - math.floor(math.log10(abs(value)))
-    decimals = min(max(decimals, 0), _TORQUE_DECIMALS)
+    exponent = math.floor(math.log10(abs(value)))
+    decimals = min(max(DIGITS - 1 - exponent, 0), _TORQUE_DECIMALS)
     return f"{value:.{decimals}f}"
 
 
@@ -148,10 +150,13 @@ def percent_of_limit(share: SupportsFloat | None) -> str:
     >>> percent_of_limit(0.7649), percent_of_limit(0.996), percent_of_limit(1.00004), percent_of_limit(1.0)
     ('76 %', '99.6 %', '100.004 %', '100 %')
     """
-    if share is None or not 0.99 < abs(float(share)) < 1.01:  # others never print as 100 %
+    if share is None:
+        return MISSING
+    is_near_limit = 0.99 < abs(float(share)) < 1.01
+    if not is_near_limit:  # never prints as 100 %
         return percent(share)
     percentage = _PERCENT * float(share)
-    for decimals in range(_LIMIT_DECIMALS + 1):
+    for decimals in range(_LIMIT_DECIMALS + 1):  # the fewest that show another number than 100
         text = f"{percentage:.{decimals}f}"
         if abs(float(text)) != _PERCENT:
             return f"{text} %"
@@ -179,24 +184,27 @@ def estimate(value: float, sigma: float) -> tuple[str, str]:
 
     ``sigma`` is the standard deviation of the estimate, or half its interval.
     """
-    have_common_decimals = math.isfinite(sigma) and sigma > 0 and math.isfinite(value)
-    if not have_common_decimals:
-        return number(value), number(sigma, 2)
+    texts_apart = number(value), number(sigma, 2)  # without common decimals
+    if not math.isfinite(value) or not math.isfinite(sigma) or sigma <= 0:
+        return texts_apart
     decimals = _decimals(sigma)
-    if decimals > _MAX_ESTIMATE_DECIMALS or max(abs(value), sigma) >= _MIN_ABBREVIATED:
-        return number(value), number(sigma, 2)
+    is_large = max(abs(value), sigma) >= _MIN_ABBREVIATED
+    if is_large or decimals > _MAX_ESTIMATE_DECIMALS:
+        return texts_apart
     return _rounded_text(value, decimals), _rounded_text(sigma, decimals)
 
 
 def _rounded_text(x: float, decimals: int) -> str:
-    """Number rounded to decimals; a negative number of decimals rounds to tens, hundreds, …."""
+    """Number rounded to ``decimals``; -1 rounds to tens, -2 to hundreds."""
     rounded = round(x, decimals) + 0.0  # no negative zero
-    return f"{rounded:.{max(decimals, 0)}f}"
+    shown_decimals = max(decimals, 0)
+    return f"{rounded:.{shown_decimals}f}"
 
 
 def plus_minus(value: SupportsFloat, sigma: SupportsFloat, unit: str = "") -> str:
     """Text of an estimate ± ``sigma``: its standard deviation, or half its interval."""
-    text = " ± ".join(estimate(float(value), float(sigma)))
+    value_text, sigma_text = estimate(float(value), float(sigma))
+    text = f"{value_text} ± {sigma_text}"
     return f"{text} {unit}" if unit else text
 
 
@@ -279,5 +287,5 @@ def margin(limit: Any) -> Array:
     [0.00015, 1e-06]
     """
     limit = np.asarray(limit, float)
-    scale = np.where(np.isfinite(limit), limit, 1.0)
+    scale = np.where(np.isfinite(limit), limit, 1.0)  # any finite number is allowed without a limit
     return np.asarray(TOLERANCE * scale)

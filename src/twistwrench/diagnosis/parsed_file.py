@@ -28,6 +28,7 @@ class ParsedLink:
 
     name: str
     line: int
+    """Line of the link's element in the file."""
     file: str = ""
     """Included file that has the link; empty for the robot file itself."""
     written: WrittenInertia | None = None
@@ -55,10 +56,9 @@ class ParsedLink:
         severity = Severity.WARNING if matters else Severity.NOTE
         if effect is None:
             effect = Effect()
-        element = self.written or self
-        return Finding(
-            check, severity, f"link {self.name!r}", element.line, sentence, numbers, effect, repair, element.file
-        )
+        element = self.written or self  # has the line and file of the finding
+        subject = f"link {self.name!r}"
+        return Finding(check, severity, subject, element.line, sentence, numbers, effect, repair, element.file)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class ParsedFile:
     joints: Mapping[str, Element] = field(default_factory=dict)
     """Elements of the joints by name."""
     settings: tuple[str, ...] = ()
-    """Sentences about changes of inertias by settings of the file."""
+    """Sentences about settings of the file that change inertias."""
     load_errors: tuple[LoadError, ...] = ()
     """Load errors that do not prevent the checks."""
 
@@ -95,7 +95,8 @@ class ParsedFile:
         all frames count.
         """
         poses = self.neutral_poses
-        names = [name for name, link in self.links.items() if name in poses and self.heavy(link)]
+        heavy_names = [name for name, link in self.links.items() if self.heavy(link)]
+        names = [name for name in heavy_names if name in poses]
         if len(names) < 2:
             names = list(poses)
         origins = np.array([poses[name][:3, 3] for name in names])
@@ -113,12 +114,13 @@ class ParsedFile:
 
     def heavy(self, link: ParsedLink, share: float = 0.01) -> bool:
         """True if the link has at least this share of the robot's mass; False for robots without mass."""
-        return link.written is not None and link.written.mass >= share * self.mass > 0
+        min_mass = share * self.mass
+        return link.written is not None and link.written.mass >= min_mass > 0
 
 
 def parse_elements(root: Element, model: Model, reader: SolidReader, path: Path | None) -> ParsedFile:
     """Parsed file of a root element that the loader accepts."""
-    format_name = next(name for name, tag in FORMATS.items() if root.tag == tag)
+    format_name = next(name for name, tag in FORMATS.items() if root.tag == tag)  # one has it, or loading had failed
     robot_text = TEXTS[format_name](root, model.name, path)
     links = {}
     for name, element in robot_text.links.items():
@@ -137,12 +139,13 @@ def parse_elements(root: Element, model: Model, reader: SolidReader, path: Path 
         )
     settings: list[str] = []
     if format_name == "mjcf":
-        settings = [
-            defect
-            for defect in model.defects
-            if " of <compiler> change " in defect or defect.startswith("settotalmass")
-        ]
+        settings = [defect for defect in model.defects if _is_setting(defect)]
     return ParsedFile(model, format_name, links, robot_text.joints, tuple(settings))
+
+
+def _is_setting(defect: str) -> bool:
+    """True for a sentence of the MJCF reader on a setting that changes inertias."""
+    return " of <compiler> change " in defect or defect.startswith("settotalmass")
 
 
 def _read_solids(text: RobotText, link: str, reader: SolidReader) -> LinkSolids:
@@ -152,6 +155,8 @@ def _read_solids(text: RobotText, link: str, reader: SolidReader) -> LinkSolids:
 
 def _effective_inertia(written: WrittenInertia | None, loaded: SpatialInertia, body: Element) -> WrittenInertia | None:
     """Inertia in the file if the loader uses it; otherwise the loaded inertia, from geoms and compiler settings."""
-    if written is not None and np.allclose(written.inertia.parameters, loaded.parameters, rtol=1e-9, atol=1e-12):
-        return written
+    if written is not None:
+        is_loaded = np.allclose(written.inertia.parameters, loaded.parameters, rtol=1e-9, atol=1e-12)  # up to rounding
+        if is_loaded:
+            return written
     return WrittenInertia.from_inertia(loaded, body.line, body.file)

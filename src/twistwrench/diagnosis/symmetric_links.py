@@ -38,7 +38,9 @@ class SymmetricLinks:
     """Two links that are mirror images."""
 
     left: ParsedLink
+    """Link with the name of the left side."""
     right: ParsedLink
+    """Link with the name of the right side."""
     D: Array
     """Matrix (3, 3) that maps points of the left link to their mirror images on the right link, in link frames."""
 
@@ -52,7 +54,9 @@ def right_side_names(name: str) -> Iterator[str]:
     words = _WORD_PATTERN.findall(name)
     for k, word in enumerate(words):
         if word.lower() in _RIGHT_WORDS:
-            yield "".join([*words[:k], _right_side_word(word), *words[k + 1 :]])
+            exchanged = words.copy()
+            exchanged[k] = _right_side_word(word)
+            yield "".join(exchanged)
     # A single letter before a lower-case word, as in lshoulder.
     if re.match(r"l[a-z]{3}", name) and not name.startswith("left"):
         yield "r" + name[1:]
@@ -72,8 +76,11 @@ def symmetric_links(robot: ParsedFile) -> Iterator[SymmetricLinks]:
     """Pairs of links with left and right names whose frames are mirror images in a plane of the base."""
     poses = robot.neutral_poses
     for left in robot.links.values():
-        right_name = next((name for name in right_side_names(left.name) if name in robot.links), None)
-        if right_name is None or left.name not in poses or right_name not in poses:
+        right_names = [name for name in right_side_names(left.name) if name in robot.links]
+        if not right_names:
+            continue
+        right_name = right_names[0]
+        if left.name not in poses or right_name not in poses:
             continue
         right = robot.links[right_name]
         D = _mirror_map(poses[left.name], poses[right.name])
@@ -86,12 +93,14 @@ def _mirror_map(T_a: Array, T_b: Array) -> Array | None:
     for Y in _REFLECTIONS:
         p_a, p_b = T_a[:3, 3], T_b[:3, 3]
         gap = p_b - Y @ p_a
-        distance = abs(p_a @ (np.eye(3) - Y).diagonal())  # |p - Y p|: twice the distance to the plane
+        diagonal = (np.eye(3) - Y).diagonal()  # 2 along the direction of reflection
+        distance = abs(p_a @ diagonal)  # |p - Y p|: twice the distance to the plane
         if np.linalg.norm(gap) > _MAX_FRAME_GAP or distance < _MIN_DISTANCE_OF_SIDES:
             continue
         D = T_b[:3, :3].T @ Y @ T_a[:3, :3]
         rounded = np.round(D)
         is_integer = np.abs(D - rounded).max() < _MAX_FRAME_GAP
-        if is_integer and np.allclose(rounded @ rounded.T, np.eye(3)):  # integer and orthogonal: signed permutation
+        is_orthogonal = np.allclose(rounded @ rounded.T, np.eye(3))
+        if is_integer and is_orthogonal:  # a signed permutation
             return np.asarray(rounded)
     return None

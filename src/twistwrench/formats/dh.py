@@ -27,7 +27,7 @@ CONVENTIONS = ("standard", "modified")
 _DH_TYPES = ("revolute", "prismatic")
 """Types of joints in a table."""
 MAX_ANGLE = 2 * np.pi + 1e-6
-"""Angle in a table above which angles are probably in degrees [rad]: a turn, with rounding."""
+"""Angle [rad] in a table above which angles are probably in degrees: a turn, and room for rounding."""
 _TOLERANCE = 1e-6
 """Largest rounding error of the numbers of printed lists."""
 
@@ -56,32 +56,34 @@ def from_dh(
         joint_types = [joint_types] * n
     if joint_names is None:
         joint_names = [f"joint{i + 1}" for i in range(n)]
-    kinds = _names_per_row("joint_types", joint_types, n)
+    types = _names_per_row("joint_types", joint_types, n)
     names = _names_per_row("joint_names", joint_names, n)
-    bodies = _inertias(n, masses, coms, moments_about_com)
+    inertias = _inertias(n, masses, coms, moments_about_com)
     builder = ModelBuilder(name)
     _remark_on_degrees(builder, "theta", theta)
     _remark_on_degrees(builder, "alpha", alpha)
     builder.add_link("link0")
     for i in range(n):
-        if kinds[i] not in _DH_TYPES:
-            raise UnknownNameError.from_choices(f"joint type (of {names[i]!r})", kinds[i], _DH_TYPES)
+        if types[i] not in _DH_TYPES:
+            raise UnknownNameError.from_choices(f"joint type (of {names[i]!r})", types[i], _DH_TYPES)
         parent, link = f"link{i}", f"link{i + 1}"
         motion_z = _screw_motion(axis=2, angle=theta[i], distance=d[i])
         motion_x = _screw_motion(axis=0, angle=alpha[i], distance=a[i])
         if convention == "standard":  # the joint moves an axis frame, to which the link's frame is fixed
             axis_frame = f"axis{i + 1}"
             builder.add_link(axis_frame)
-            builder.add_joint(names[i], kinds[i], parent, axis_frame, placement=motion_z, axis=(0, 0, 1))
-            builder.add_link(link, bodies[i])
+            builder.add_joint(names[i], types[i], parent, axis_frame, placement=motion_z, axis=(0, 0, 1))
+            builder.add_link(link, inertias[i])
             builder.add_joint(f"{link}_fixed", "fixed", axis_frame, link, placement=motion_x)
         else:
-            builder.add_link(link, bodies[i])
-            builder.add_joint(names[i], kinds[i], parent, link, placement=motion_x @ motion_z, axis=(0, 0, 1))
+            builder.add_link(link, inertias[i])
+            placement = motion_x @ motion_z
+            builder.add_joint(names[i], types[i], parent, link, placement=placement, axis=(0, 0, 1))
     tip = f"link{n}"
     if tool is not None:
         builder.add_link("tool")
-        builder.add_joint("tool_fixed", "fixed", tip, "tool", placement=arguments.pose(tool, "tool"))
+        tool_pose = arguments.pose(tool, "tool")
+        builder.add_joint("tool_fixed", "fixed", tip, "tool", placement=tool_pose)
         tip = "tool"
     return builder.build(tip=tip, gravity=gravity, inertia=inertia)
 
@@ -99,8 +101,9 @@ def _remark_on_degrees(builder: ModelBuilder, column: str, angles: Array) -> Non
 
 def _names_per_row(argument: str, names: Sequence[str], n: int) -> list[str]:
     """Names as a list; raises ShapeError, which names the argument, unless there is one for each of n rows."""
-    is_list_of_names = isinstance(names, Sequence) and not isinstance(names, str)
-    if not is_list_of_names or len(names) != n:
+    is_list = isinstance(names, Sequence) and not isinstance(names, str)
+    has_one_per_row = is_list and len(names) == n
+    if not has_one_per_row:
         raise ShapeError(
             f"{argument} is {names!r}, but the table has {n} rows: give a list with one name for each row."
         )
@@ -119,7 +122,8 @@ def _columns_in_order(table: Any, columns: Sequence[str] | None) -> list[Array]:
     lengths = [len(column) for column in column_by_name.values() if column.ndim == 1]
     n = max(lengths, default=0)
     if n == 0 or any(column.shape != (n,) for column in column_by_name.values()):
-        shapes = ", ".join(f"{name} {column.shape}" for name, column in column_by_name.items()) or "none"
+        shapes = ", ".join(f"{name} {column.shape}" for name, column in column_by_name.items())
+        shapes = shapes or "none"
         raise ShapeError(
             f"the columns of a Denavit–Hartenberg table have as many numbers each, one at least: {shapes}."
         )
@@ -165,7 +169,7 @@ def _columns_of_array(table: Any, columns: Sequence[str] | None) -> dict[str, Ar
             "in the order it has them, or the table as a dict of named columns."
         )
     _check_column_names(columns)
-    if sorted(columns) != sorted(COLUMNS):
+    if sorted(columns) != sorted(COLUMNS):  # a repeated or missing name
         raise ValueRangeError(f"columns={tuple(columns)!r}: each of {', '.join(COLUMNS)} must be there once.")
     return dict(zip(columns, array.T, strict=True))
 
@@ -186,7 +190,8 @@ def _inertias(
     m = array_or_zeros("masses", masses, (n,))
     c = array_or_zeros("coms", coms, (n, 3))
     I = array_or_zeros("moments_about_com", moments, (n, 3, 3))
-    return [_inertia_of_link(f"link{i + 1}", SpatialInertia.from_com, float(m[i]), c[i], I[i]) for i in range(n)]
+    from_com = SpatialInertia.from_com
+    return [_inertia_of_link(f"link{i + 1}", from_com, float(m[i]), c[i], I[i]) for i in range(n)]
 
 
 def _inertia_of_link(link: str, build: Callable[..., SpatialInertia], *numbers: Any) -> SpatialInertia:
@@ -208,7 +213,7 @@ class ScrewLists:
     Blist: Array
     """(6, n) screw axes in the end-effector frame, as columns."""
     Mlist: Array
-    """(n + 1, 4, 4) poses of link frame i in link frame i - 1, last the pose of the end-effector frame in link frame n."""
+    """(n + 1, 4, 4) poses of link frame i in link frame i - 1; the last is that of the end-effector frame in link frame n."""
     Glist: Array
     """(n, 6, 6) spatial inertia of each link in its own frame."""
 
@@ -241,12 +246,13 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
             _, principal_axes = body.inertia.principal()
             T_link = se3.pose(principal_axes, body.inertia.com)
         link_frames.append(home @ T_link)
-        inertias.append(body.inertia.in_frame(se3.inverse(T_link)).matrix)
-    M = home @ tip_frame.pose
+        inertia_in_link_frame = body.inertia.in_frame(se3.inverse(T_link))
+        inertias.append(inertia_in_link_frame.matrix)
+    M = home @ tip_frame.pose  # after the loop, home is the pose of the last body
     frames = [np.eye(4), *link_frames, M]
     Mlist = np.array([se3.inverse(T_previous) @ T for T_previous, T in itertools.pairwise(frames)])
     Slist = np.array(screws).T
-    Blist = Ad(se3.inverse(M)).apply(Slist.T).T
+    Blist = Ad(se3.inverse(M)).apply(Slist.T).T  # apply takes screws as rows
     return ScrewLists(M, Slist, Blist, Mlist, np.array(inertias))
 
 
@@ -289,7 +295,7 @@ def from_screws(
             _check_unit(S[:, i], i, names[i])
         link = f"link{i + 1}"
         builder.add_link(link, _inertia_of_link(link, SpatialInertia.from_matrix, G[i]))
-        joint_type = "helical" if np.any(A[:3]) else "prismatic"
+        joint_type = "helical" if np.any(A[:3]) else "prismatic"  # helical with any pitch, also zero
         builder.add_joint(names[i], joint_type, parent, link, placement=placements[i], axis=A, normalise_axes=False)
         parent = link
     builder.add_link("end_effector")
@@ -300,7 +306,7 @@ def from_screws(
 
 
 def _check_unit(S: Array, i: int, joint: str) -> None:
-    """Raise ModelError unless the angular part of screw i has unit length; without angular part, the linear one."""
+    """Raise ModelError unless the angular part of screw i has unit length, or the linear part if the angular part is zero."""
     part = "turning part"
     length = float(np.linalg.norm(S[:3]))
     if length == 0.0:

@@ -24,7 +24,9 @@ from ..core.text import shorten
 from .xml import Element
 
 READ = "read"
+"""Entry of what is read."""
 NO_MECHANICS = "no mechanics"
+"""Entry of what is skipped with all that it contains."""
 ALL_OTHERS = "*"
 """Name in a row that stands for all unlisted names."""
 
@@ -68,7 +70,7 @@ def _read_table(text: str) -> dict[str, Rows]:
     * ``# …``: a comment
     * ``[URDF]``: name of a format, whose rows follow
     * ``key: change | values``: an effect with its key, its sentence, and its values without an effect
-    * ``tag tag``: tags that share the row that follows
+    * ``tag tag``: tags that share the row in the next lines
     * ``  key: names``, indented: names of the row that have this entry. The keys "read" and "ignored" stand for READ and
       NO_MECHANICS, others for effects
     """
@@ -79,8 +81,9 @@ def _read_table(text: str) -> dict[str, Rows]:
     for line in text.splitlines():
         key, _, content = line.partition(": ")
         if line.startswith("["):
-            format_name = line[1:-1]
-            rows = formats[format_name] = {}
+            format_name = line[1:-1]  # without brackets
+            rows = {}
+            formats[format_name] = rows
         elif line.startswith(" "):
             row |= dict.fromkeys(content.split(), entry_of_key[key.strip()])
         elif not line or line.startswith("#"):
@@ -89,9 +92,9 @@ def _read_table(text: str) -> dict[str, Rows]:
             change, _, values = content.partition(" | ")
             entry_of_key[key] = LeftOut(change, tuple(values.split()))
         else:
-            if row:  # an empty row is that of the tags in the line before: these share it
+            if row:  # otherwise the line before has tags too, and all share its row
                 row = {}
-            rows |= dict.fromkeys(line.split(), row)
+            rows |= dict.fromkeys(line.split(), row)  # one object for all these tags
     return {name: rows for name, rows in formats.items() if rows}  # the section of effects has no rows
 
 
@@ -152,13 +155,14 @@ class Unread:
 
     def row(self, tag: str, parent: str = "") -> Mapping[str, Entry]:
         """Row of a tag inside the tag ``parent``; empty if there is none."""
-        return self.rows.get(f"{parent}/{tag}") or self.rows.get(tag) or {}
+        row_in_parent = self.rows.get(f"{parent}/{tag}")
+        return row_in_parent or self.rows.get(tag) or {}
 
     @staticmethod
     def entry(row: Mapping[str, Entry], name: str) -> Entry | None:
         """Entry of a name in a row; None for unknown names."""
-        entry = row.get(name) or row.get(ALL_OTHERS)
-        is_of_usd = name.startswith("physics:")
+        entry = row.get(name) or row.get(ALL_OTHERS)  # no entry is empty
+        is_of_usd = name.startswith("physics:")  # USD's own prefix
         has_foreign_prefix = ":" in name and not is_of_usd
         if entry is None and has_foreign_prefix:
             return NO_MECHANICS
@@ -183,7 +187,8 @@ class Unread:
                 if entry is None:
                     self.note_unknown(current.tag, name, current.place)
                 elif isinstance(entry, LeftOut) and entry.acts([text]):
-                    self.note_left_out(current.tag, name, entry, f'{name}="{shorten(text)}" of {current}')
+                    place = f'{name}="{shorten(text)}" of {current}'
+                    self.note_left_out(current.tag, name, entry, place)
             read_children = []
             for child in current.children:
                 name = f"<{child.tag}>"
@@ -222,7 +227,7 @@ class Unread:
         if name.startswith("<"):
             parents = [parent for parent, names in self.rows.items() if name in names]
             if parents:
-                parent_tags = [parent.rpartition("/")[2] for parent in parents[:_MAX_PARENTS]]
+                parent_tags = [parent.split("/")[-1] for parent in parents[:_MAX_PARENTS]]  # without the tag above
                 choices_text = " or ".join(f"<{parent_tag}>" for parent_tag in parent_tags)
                 return f"{name} is not an element of <{tag}> in {self.format}; it belongs into {choices_text}"
             text = f"{shorten(name)} is not an element of {self.format}"
@@ -248,5 +253,6 @@ def _texts_in(element: Element) -> list[str]:
     """Nonempty texts and ``value`` attributes of an element and of all elements in it."""
     texts: list[str] = []
     for part in element.walk():
-        texts += [part.content, part.attributes.get("value", "")]
+        texts.append(part.content)
+        texts.append(part.attributes.get("value", ""))
     return [text for text in texts if text.strip()]

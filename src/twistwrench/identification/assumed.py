@@ -32,7 +32,7 @@ from .parameters import BaseParameters, UnknownParameters
 from .rows import SteadySamples, lowest_rate, spring_torques
 
 Built = tuple[SettingRows, Array, Prior]
-"""Rows of samples, largest plausible sizes of the unknown parameters, and weak prior of their groups."""
+"""Result of :data:`Build`: rows of samples, largest plausible sizes of the unknown parameters, weak prior of their groups."""
 Build = Callable[[BaseParameters, Sequence[SteadySamples]], Built]
 """Function that computes :data:`Built` for groups of parameters and samples."""
 
@@ -91,8 +91,8 @@ def wanted_causes(assume: str | Sequence[str], names: Sequence[str]) -> tuple[Wa
         for other in wanted:
             if other.kind != cause.kind:
                 continue
-            one_is_of_all_joints = () in (other.joints, cause.joints)  # and so contains the other
-            if other == cause or one_is_of_all_joints:
+            one_names_no_joint = () in (other.joints, cause.joints)  # it is for all joints, and contains the other
+            if other == cause or one_names_no_joint:
                 raise ValueRangeError(f"assume {text!r}: the cause is given twice.")
         wanted.append(cause)
     order = list(JOINTS_OF_CAUSE)
@@ -111,9 +111,10 @@ def _wanted_cause(text: str, names: Sequence[str]) -> WantedCause:
             raise UnknownNameError.from_choices("joint", joint, names)
     has_joint_twice = len({*joints}) < len(joints)
     if len(joints) not in JOINTS_OF_CAUSE[kind] or has_joint_twice:
-        forms = [kind + count * ":JOINT" for count in JOINTS_OF_CAUSE[kind]]
+        forms = [kind + joint_count * ":JOINT" for joint_count in JOINTS_OF_CAUSE[kind]]
         raise ValueRangeError(f"assume {text!r}: write {' or '.join(forms)}.")
-    return WantedCause(kind, tuple(sorted(names.index(joint) for joint in joints)))
+    joint_indices = sorted(names.index(joint) for joint in joints)
+    return WantedCause(kind, tuple(joint_indices))
 
 
 Correction = Callable[[LogStates, Array, Array], LogStates]
@@ -142,7 +143,7 @@ class AssumedCauses:
     Attributes
     ----------
     base : BaseParameters, under the gravity of the robot's file
-    samples : sequence of SteadySamples, on the robot's clock
+    samples : sequence of SteadySamples, with times of the robot's clock
     causes : tuple of the causes, in the order of their removal
     dead : (nv,) bool array, True for joints without torques in the log
     settings : FitSettings, cut-off and friction speeds for rates and laws
@@ -182,7 +183,7 @@ class AssumedCauses:
                 removed = _removal(cause, fit.states, x, found)
                 fit = found.fit
                 if cause.kind == "time-scale":  # other samples
-                    samples = _with_clock(samples, float(found.number or 1.0))
+                    samples = _with_clock(samples, float(found.number or 1.0))  # 1 without a number
                     fit = log_fit(unknown, samples, settings, dead).refit(fit.states)
             removed_causes.append(removed)
         base = fit.states.base
@@ -190,8 +191,9 @@ class AssumedCauses:
 
     def _states(self, samples: Sequence[SteadySamples]) -> LogStates:
         """States of all samples, causes removed: unfiltered positions and torques, rates below the cut-off."""
-        cutoff, friction_speed = self.settings.cutoff, self.settings.friction_speed
-        s = LogStates.from_samples(self.base, samples, cutoff, friction_speed, np.inf, whole=True)
+        settings = self.settings
+        no_maximum = np.inf  # of the number of rows
+        s = LogStates.from_samples(self.base, samples, settings.cutoff, settings.friction_speed, no_maximum, whole=True)
         return _correct_states(s, self.causes, self.x)
 
     def corrected_samples(self) -> tuple[list[SteadySamples], Array]:
@@ -226,17 +228,17 @@ class AssumedCauses:
                 residual_above, _ = self._negative_residual(s, index, removed.beta + step)
                 residual_below, gain = self._negative_residual(s, index, removed.beta - step)
                 slope = (residual_above - residual_below) / (2.0 * removed.step)
-                e = s.low_passed(slope)[s.rows]
-                columns.append(e / gain * ~self.dead)  # torques of the rows are divided by their gains, too
+                column = s.low_passed(slope)[s.rows]
+                columns.append(column / gain * ~self.dead)  # torques of the rows are divided by their gains, too
         if not columns:
             return np.zeros((len(s.rows), len(s.gain), 0))
         return np.stack(columns, axis=-1)
 
     def _negative_residual(self, s: LogStates, index: int, beta: Array) -> tuple[Array, Array]:
         """τ̂ - τ (n, nv) of states, and their gains (nv,), if the cause with this index has another value β."""
-        changed = replace(self.causes[index], beta=beta)
-        all_causes = (*self.causes[:index], changed, *self.causes[index + 1 :])
-        corrected = _correct_states(s, all_causes, self.x)
+        changed_causes = list(self.causes)
+        changed_causes[index] = replace(self.causes[index], beta=beta)
+        corrected = _correct_states(s, changed_causes, self.x)
         springs = spring_torques(corrected.base, corrected.q, corrected.dq, corrected.ddq)
         predicted, _ = corrected.torques(self.x)
         return predicted + springs - corrected.shifted_torques, corrected.gain
@@ -246,7 +248,7 @@ class AssumedCauses:
 
         Raises ValueRangeError if the logs do not determine a value.
         """
-        base = self.base  # for any direction of gravity
+        base = self.base  # its groups hold for any direction of gravity
         changes_gravity = any(removed.wanted.kind in _GRAVITY_CHANGING for removed in self.causes)
         if not changes_gravity:
             base = BaseParameters.from_unknowns(self.base.unknown)
@@ -266,13 +268,15 @@ class AssumedCauses:
             felt_values = (E != 0.0).any(axis=0)
             felt = np.concatenate([trial.felt, felt_values], axis=1)
             W = np.concatenate([trial.W, E], axis=2)
-            y, sigma, weights = weighted_fit(W, trial.tau, prior_with(prior, E, trial.tau), method, felt)
+            extended_prior = prior_with(prior, E, trial.tau)
+            solution, sigma, weights = weighted_fit(W, trial.tau, extended_prior, method, felt)
             assumed.check(W, np.sqrt(weights) / sigma)
-            step = y[len(x) :]
+            step = solution[len(x) :]  # of β; the groups come first
             assumed = assumed.with_step(step)
             samples, gravity = assumed.corrected_samples()
             built = build(_under_gravity(base, gravity), samples)
-            torque_change = np.sqrt(((E @ step) ** 2).mean(axis=0))
+            squared_changes = (E @ step) ** 2
+            torque_change = np.sqrt(squared_changes.mean(axis=0))  # rms of each joint
             if (torque_change <= _MAX_TORQUE_CHANGE * sigma).all():
                 break
         return assumed, settings, built
@@ -292,9 +296,10 @@ class AssumedCauses:
         """Raise ValueRangeError if weighted rows [W E] (m, nv, r + k) cannot distinguish a value from the groups."""
         equations = NormalEquations.from_rows(W, 0.0 * root_weights, root=root_weights)
         N = equations.N.sum(axis=0)
-        size = np.sqrt(np.maximum(N.diagonal(), 1e-300))  # not zero
-        inverse = np.linalg.inv(N / size[:, None] / size + 1e-10 * np.eye(len(N)))  # regular despite rounding errors
-        # of columns of unit length, 1 / (N⁻¹)_ii is the square of the part that the others do not span
+        size = np.sqrt(np.maximum(N.diagonal(), 1e-300))  # never zero
+        scaled_N = N / size[:, None] / size
+        inverse = np.linalg.inv(scaled_N + 1e-10 * np.eye(len(N)))  # invertible despite rounding errors
+        # Of columns of unit length, 1 / (N⁻¹)_ii is the square of the part that the others do not span.
         unspanned_share = 1.0 / inverse.diagonal()[len(self.x) :]
         has_entries = (W != 0.0).any(axis=(0, 1))[len(self.x) :]
         unspanned_share *= has_entries  # 0 for columns of zeros
@@ -317,7 +322,8 @@ class AssumedCauses:
         assumed = list[AssumedCause]()
         for removed, own_values in zip(self.causes, self._slices(), strict=True):
             kind = removed.wanted.kind
-            value, interval = removed.number, None
+            value = removed.number
+            interval = None
             if len(removed.beta):
                 value, interval = causes.value_with_interval(kind, removed.beta, half_widths[own_values])
             joints = tuple(names[k] for k in removed.wanted.joints)
@@ -329,7 +335,7 @@ class AssumedCauses:
 
 def begin_settings(nv: int, samples: Sequence[SteadySamples], options: FitOptions) -> FitSettings:
     """Initial settings of the search: those that the options fix, and usual values of the others."""
-    cutoff = options.cutoff or _INITIAL_CUTOFF_SHARE * lowest_rate(samples)
+    cutoff = options.cutoff or _INITIAL_CUTOFF_SHARE * lowest_rate(samples)  # a cut-off of zero is not allowed
     friction_speed = options.friction_speed or _INITIAL_FRICTION_SPEED
     return FitSettings(cutoff, np.full(nv, friction_speed), options.shift or 0.0)
 
@@ -346,9 +352,11 @@ def prior_with(prior: Prior, E: Array, tau: Array) -> Prior:
 def fit_covariance(trial: Trial, E: Array, x: Array, sigma: Array, weights: Array, prior: Prior) -> GroupCovariance:
     """Covariance of [x, β] at the chosen settings."""
     rows = trial.rows
+    W = np.concatenate([trial.W, E], axis=2)
+    solution = np.append(x, np.zeros(E.shape[2]))  # the log is corrected, so the change of β is zero
     return group_covariance(
-        np.concatenate([trial.W, E], axis=2), trial.tau, np.append(x, np.zeros(E.shape[2])), sigma, weights,
-        prior_with(prior, E, trial.tau), rows.time, rows.log, (rows.position, rows.speed), trial.changes(x),
+        W, trial.tau, solution, sigma, weights, prior_with(prior, E, trial.tau),
+        rows.time, rows.log, (rows.position, rows.speed), trial.changes(x),
     )  # fmt: skip
 
 
@@ -374,16 +382,16 @@ def _with_law(wanted: WantedCause, fit: CauseFit, x: Array) -> tuple[_RemovedCau
     s = fit.states
     kind_and_joints = (wanted.kind, _joints(wanted, s))
     law = next(law for law in causes.laws(s) if (law.kind, law.joints) == kind_and_joints)
-    (columns,) = law_columns(fit, [law], FittedTorques.from_groups(s, x))
-    refit = fit.refit(s, columns[..., 0])
+    (law_column,) = law_columns(fit, [law], FittedTorques.from_groups(s, x))
+    refit = fit.refit(s, law_column[..., 0])
 
     def correct(s: LogStates, x: Array, beta: Array) -> LogStates:
         """States with torques without the torque of the law."""
         columns = law.columns(s, FittedTorques.from_groups(s, x))
         return s.with_fields(tau=s.shifted_torques - beta[0] * columns[..., 0], shift=0.0)
 
-    coefficient = refit.x[-1:]
-    return _RemovedCause(wanted, correct, coefficient, 1.0), refit
+    coefficient = refit.x[-1:]  # the law's column is the last
+    return _RemovedCause(wanted, correct, coefficient, step=1.0), refit
 
 
 def _candidates(wanted: WantedCause, s: LogStates, x: Array) -> list[Cause]:
@@ -411,12 +419,15 @@ def _removal(wanted: WantedCause, s: LogStates, x: Array, found: FoundCause) -> 
     largest_torques = np.abs(s.low_passed(predicted)).max(axis=0)  # to which β of an elasticity refers
 
     def correct_as_found(s: LogStates, _x: Array, _beta: Array) -> LogStates:
+        """States without a discrete cause."""
         return found.correct(s) if found.correct else s
 
     def correct_by_value(s: LogStates, _x: Array, beta: Array) -> LogStates:
+        """States without a cause of value β."""
         return cause.correct(s, beta)
 
     def correct_elasticity(s: LogStates, x: Array, beta: Array) -> LogStates:
+        """States without an elasticity of value β, which depends on the predicted torques."""
         torques, _ = s.torques(x)
         compliances = causes.compliances(s, s.low_passed(torques), largest_torques)
         compliance = next(candidate for candidate in compliances if candidate.joints == joints)
@@ -437,11 +448,11 @@ def _with_stribeck(unknown: UnknownParameters, fit: CauseFit) -> UnknownParamete
     for speed in causes.STRIBECK_SPEEDS:
         wanted_law = ("stribeck", speed, 1)  # of single joints
         laws = (law for law in causes.laws(s) if (law.kind, law.speed, len(law.joints)) == wanted_law)
-        columns = [e[..., 0] for e in law_columns(fit, laws, fitted_torques) if e.any()]
+        columns = [column[..., 0] for column in law_columns(fit, laws, fitted_torques) if column.any()]
         refit = fit.refit(s, *columns)
         gains_and_speeds.append((fit.gain(refit), speed))
-    _, best_speed = max(gains_and_speeds)
-    friction = tuple(dict.fromkeys((*unknown.friction, "stribeck")))
+    _, best_speed = max(gains_and_speeds)  # by the gain
+    friction = tuple(dict.fromkeys((*unknown.friction, "stribeck")))  # each once
     return replace(unknown, friction=friction, stribeck_speed=best_speed)
 
 
@@ -450,7 +461,8 @@ def _under_gravity(base: BaseParameters, gravity: Array) -> BaseParameters:
     unknown = base.unknown
     if np.array_equal(gravity, unknown.model.gravity):
         return base
-    return replace(base, unknown=replace(unknown, robot=unknown.robot.with_gravity(gravity)))
+    robot = unknown.robot.with_gravity(gravity)
+    return replace(base, unknown=replace(unknown, robot=robot))
 
 
 def _with_clock(samples: Sequence[SteadySamples], factor: float) -> list[SteadySamples]:

@@ -93,7 +93,7 @@ class BodyChanges:
 
     @property
     def is_heavier(self) -> Array:
-        """(n,) bool array, True if the change of the mass is sure, to a larger or a smaller mass."""
+        """(n,) bool array, True if the mass has surely changed, to a larger or a smaller one."""
         return np.asarray(np.abs(self.masses - self.before) > _MIN_DEVIATIONS * self.deviations)
 
     @property
@@ -137,26 +137,33 @@ def body_changes(found: IdentifiedRobot) -> BodyChanges:
     C = fits.covariance
     if tool is not None:
         C = C + _outer_square(tool.values - consistent_values)
-    columns = 10 * np.array(unknown.bodies, int)[:, None] + np.arange(10)  # of the regressor, ten for each body
+    first_columns = 10 * np.array(unknown.bodies, int)
+    columns = first_columns[:, None] + np.arange(10)  # (n, 10), of the regressor, which has ten for each body
     is_column = unknown.of_bodies == columns[..., None]
     indices = np.argmax(is_column, axis=-1)  # (n, 10): the unknown parameter that stands for each column
-    before, after = unknown.file_values[indices], consistent_values[indices]
+    file_parameters = unknown.file_values[indices]  # (n, 10)
+    identified_parameters = consistent_values[indices]  # (n, 10)
     distances, is_moved = [], []
-    for old, new, own_indices in zip(before, after, indices, strict=True):
-        has_mass = old[_M] > 0
-        c = old[_MC] / old[_M] if has_mass else np.zeros(3)
-        J = np.column_stack([np.eye(3), -c])  # of m c - m c_file: a mass added at the centre does not move it
+    for in_file, identified, own_indices in zip(file_parameters, identified_parameters, indices, strict=True):
+        has_mass = in_file[_M] > 0
+        c_file = in_file[_MC] / in_file[_M] if has_mass else np.zeros(3)
+        J = np.column_stack([np.eye(3), -c_file])  # of m c - m c_file: a mass added at the centre does not move it
         moments_and_mass = own_indices[[*_MC, _M]]
-        change = J @ (new - old)[[*_MC, _M]]
+        parameter_changes = identified - in_file
+        change = J @ parameter_changes[[*_MC, _M]]
         covariance = J @ C[np.ix_(moments_and_mass, moments_and_mass)] @ J.T
         squared_deviations = float(change @ np.linalg.pinv(covariance, hermitian=True) @ change)
         is_moved.append(squared_deviations > _MIN_SQUARED_DEVIATIONS)
-        distances.append(float(np.linalg.norm(new[_MC] / new[_M] - c)) if has_mass else math.nan)
+        distance = math.nan
+        if has_mass:
+            c = identified[_MC] / identified[_M]
+            distance = float(np.linalg.norm(c - c_file))
+        distances.append(distance)
     mass_indices = indices[:, _M]
     return BodyChanges(
         links=[unknown.model.bodies[i].link for i in unknown.bodies],
-        before=before[:, _M],
-        masses=after[:, _M],
+        before=file_parameters[:, _M],
+        masses=identified_parameters[:, _M],
         covariance=C[np.ix_(mass_indices, mass_indices)],
         moved=np.array(distances),
         is_moved=np.array(is_moved, bool),
@@ -171,7 +178,7 @@ def _outer_square(x: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _ComparisonFits:
-    """Fits to the rows of an identification, which its result is compared with."""
+    """Further fits to the rows of an identification, with which its result is compared."""
 
     found: IdentifiedRobot
 
@@ -183,12 +190,14 @@ class _ComparisonFits:
     @cached_property
     def covariance(self) -> Array:
         """(p, p) covariance of all unknown parameters with the file as prior."""
-        found, fit = self.found, self.found.consistent.fit
+        found = self.found
+        fit = found.consistent.fit
         prior = PositivePrior.from_values(found.base, found.values, found.sizes)
         problem = PositiveProblem(found.base, prior, *sum_of(self.fifths), found.sizes)
         stronger = [strength for strength in STRENGTHS if strength > fit.strength]
-        # the path to a weak prior leads over all stronger ones
-        *_, weak_fit = problem.path([*stronger, fit.strength, 0.1 * fit.strength, 0.01 * fit.strength])
+        # Each fit starts from the fit with the next stronger prior; the last has a hundredth of the strength.
+        fits = problem.path([*stronger, fit.strength, 0.1 * fit.strength, 0.01 * fit.strength])
+        weak_fit = fits[-1]
         covariance = problem.covariance(fit, found.covariance.matrix)
         return covariance + _outer_square(weak_fit.values - fit.values)
 
@@ -196,11 +205,11 @@ class _ComparisonFits:
         """Change of one body if no other differs from the file."""
         base, unknown = self.found.base, self.found.base.unknown
         owners = np.array([name.rpartition(".")[0] for name in unknown.names])
-        is_drive = (unknown.of_bodies < 0) & ~unknown.held
+        is_drive = (unknown.of_bodies < 0) & ~unknown.held  # parameters without a column of a body
         is_of_link = (owners == link) & ~unknown.held
         free = np.flatnonzero(is_drive | is_of_link)  # indices of the parameters that may change
         start = np.where(is_drive, 0.0, unknown.file_values)
-        # groups are x_start + K z for changes z of the free parameters
+        # Values of the groups are x_start + K z for changes z of the free parameters.
         x_start = base.project(start)
         K = base.grouping[:, free]
         prior = Prior(np.zeros(len(free)), self.found.sizes[free])
@@ -216,8 +225,9 @@ class _ComparisonFits:
         for held_out, training in left_out(self.fifths):
             squared_residuals += squares_of(held_out, x_start + K @ solve(training))
         mass_index = unknown.names.index(f"{link}.m")
-        m = free.tolist().index(mass_index)
-        mass_by_groups = N @ K @ prior.solve(K.T @ N @ K, np.eye(len(free))[m])
+        index_in_z = free.tolist().index(mass_index)
+        unit_vector = np.eye(len(free))[index_in_z]
+        mass_by_groups = N @ K @ prior.solve(K.T @ N @ K, unit_vector)  # derivatives of the mass by the groups
         variance = float(mass_by_groups @ self.found.covariance.matrix @ mass_by_groups)
         values = start.copy()
         values[free] += solve(all_rows)
@@ -237,7 +247,7 @@ class _ComparisonFits:
         drives = np.flatnonzero(~is_body & ~unknown.held)
         x_start = base.project(np.where(is_body | unknown.held, unknown.file_values, 0.0))
         x_bodies = base.project(np.where(is_body & ~unknown.held, unknown.file_values, 0.0))
-        # groups are x_start + K z, with z the change of the factor from 1, and values of the drives
+        # Values of the groups are x_start + K z; z has the change of the factor from 1, then the parameters of the drives.
         K = np.column_stack([x_bodies, base.grouping[:, drives]])
         sizes = np.append(1.0, self.found.sizes[drives])
         prior = Prior(np.zeros(1 + len(drives)), sizes)
@@ -255,15 +265,18 @@ class _ComparisonFits:
         The result is also None if one factor of all bodies explains as much: no log distinguishes it from a gain of the
         torques.
         """
-        found, unknown = self.found, self.found.base.unknown
+        found = self.found
+        unknown = found.base.unknown
         bodies = unknown.model.bodies
-        file_squares = found.consistent.of_file**2
+        file_squares = found.consistent.of_file**2  # squared residual of the file, as a share
         min_explained = _MIN_EXCESS_SHARE * (file_squares - found.consistent.held_out**2)
         carriers = {body.parent for body in bodies}
-        ends = [i for i in unknown.bodies if i not in carriers and f"{bodies[i].link}.m" not in unknown.known]
-        if not ends:
+        end_bodies = [i for i in unknown.bodies if i not in carriers]  # indices of bodies that carry no other
+        end_links = [bodies[i].link for i in end_bodies]
+        links = [link for link in end_links if f"{link}.m" not in unknown.known]
+        if not links:
             return None
-        changes = [self.lone_change(bodies[i].link) for i in ends]
+        changes = [self.lone_change(link) for link in links]
         change = min(changes, key=lambda change: change.held_out)
         if file_squares - change.held_out**2 < min_explained:
             return None

@@ -94,21 +94,22 @@ def bounds_of(
 
 
 _TIME_BESIDE_END = 1e-9
-"""Time [s] from an end of a motion at which its friction is taken: long enough for a sign, too short for any other term."""
+"""Time [s] from an end of a motion to the velocity whose sign its friction has; too short to change other terms."""
 
 
 def velocities_inside(time: Array, dq: Array, ddq: Array, begin: float, end: float) -> Array:
     """Velocities (..., nv) in which zeros at ``begin`` and ``end`` of a motion are replaced by the velocities just inside.
 
-    A joint that arrives with its braking acceleration slides until it stands, so that friction still helps to brake it. A joint
-    that leaves with an acceleration has friction against it from the start. At exactly zero speed, friction has no direction.
+    At exactly zero speed, friction has no direction. But friction helps to brake a joint until the end of its motion, and acts
+    against a joint from the start of its motion.
 
     >>> velocities_inside(np.array([0.0, 1.0]), np.zeros((2, 1)), np.array([[4.0], [-4.0]]), 0.0, 1.0).tolist()
     [[4e-09], [4e-09]]
     """
     if begin >= end:
         return dq
-    inwards = 1.0 * (time <= begin) - 1.0 * (time >= end)  # 1 at the start, -1 at the end, 0 between them
+    is_start, is_end = time <= begin, time >= end
+    inwards = 1.0 * is_start - 1.0 * is_end  # 1 at the start, -1 at the end, 0 between them
     dq_inside = _TIME_BESIDE_END * inwards[..., None] * ddq
     return np.where(dq == 0.0, dq_inside, dq)
 
@@ -130,9 +131,9 @@ class Violation:
     kind: str
     """``position``, ``velocity``, ``acceleration``, ``jerk`` or ``torque``."""
     value: float
-    """Value [unit of the limit]."""
+    """Value at that time, in ``unit``."""
     limit: float
-    """Limit; if it bounds a magnitude, with the sign of the value."""
+    """Limit in ``unit``. If it bounds a magnitude, it has the sign of the value."""
     time: float
     """Time of the largest excess [s]."""
     unit: str = ""
@@ -166,28 +167,31 @@ class Violation:
 
 
 class Extrema(NamedTuple):
-    """Maximum of each column of a table; arrays (columns,)."""
+    """Maximum of each column of a table of values; all arrays are (columns,)."""
 
     value: Array
     """Maximum; -inf for a column without numbers."""
     time: Array
-    """Time of the maximum, of the first one if several are equal [s]; nan for a column without numbers."""
+    """First time of the maximum [s]; nan for a column without numbers."""
     signed: Array
-    """Signed value whose magnitude or excess is the maximum."""
+    """Number with a sign, whose magnitude or excess over a limit is the maximum; 0 for a column without numbers."""
 
     @classmethod
     def from_rows(cls, time: Array, values: Array, signed: Array) -> Extrema:
         """Maxima of values (n, columns) at times (n,); ``signed`` (n, columns) has the signed numbers behind the values."""
         column_count = values.shape[1]
         if not len(values):
-            return cls(np.full(column_count, -np.inf), np.full(column_count, np.nan), np.zeros(column_count))
+            no_maxima, no_times = np.full(column_count, -np.inf), np.full(column_count, np.nan)
+            return cls(no_maxima, no_times, np.zeros(column_count))
         time_table = np.broadcast_to(time[:, None], values.shape)
         return cls._from_tables(time_table, values, signed)
 
     @classmethod
     def merge(cls, parts: Sequence[Extrema]) -> Extrema:
         """Maxima of all rows, from the maxima of consecutive parts."""
-        values, times, signed = map(np.stack, zip(*parts, strict=True))
+        values = np.stack([part.value for part in parts])
+        times = np.stack([part.time for part in parts])
+        signed = np.stack([part.signed for part in parts])
         return cls._from_tables(times, values, signed)
 
     @classmethod
@@ -214,15 +218,17 @@ class LimitCheck:
         self.model, self.bounds = model, bounds
         self._followers = [model.bodies[i] for i in model.limited_followers]
         no_times = np.zeros(0)
-        no_joints, no_followers = np.zeros((0, model.nv)), np.zeros((0, len(self._followers)))
-        self._excesses = {kind: Extrema.from_rows(no_times, no_joints, no_joints) for kind in KINDS}
+        no_rows = np.zeros((0, model.nv))
+        no_follower_rows = np.zeros((0, len(self._followers)))
+        self._excesses = {kind: Extrema.from_rows(no_times, no_rows, no_rows) for kind in KINDS}
         """Largest excess of each kind so far; columns are velocities."""
-        self._follower_torques = Extrema.from_rows(no_times, no_followers, no_followers)
-        """Largest torque of each mimic joint so far."""
+        self._follower_torques = Extrema.from_rows(no_times, no_follower_rows, no_follower_rows)
+        """Torque of largest magnitude of each mimic joint so far."""
 
     def _add(self, kind: str, time: Array, excess: Array, values: Array) -> None:
         """Add excesses (n, nv) of values (n, nv) at times (n,) over their limits of a kind."""
-        self._excesses[kind] = Extrema.merge([self._excesses[kind], Extrema.from_rows(time, excess, values)])
+        extrema = Extrema.from_rows(time, excess, values)
+        self._excesses[kind] = Extrema.merge([self._excesses[kind], extrema])
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
         """Check states at times (n,): q (n, nq), dq, ddq and torques (n, nv); None is skipped."""
@@ -246,7 +252,8 @@ class LimitCheck:
         """
         jerk = np.gradient(ddq, time, axis=0, edge_order=2)
         is_nonzero = np.abs(ddq) > TOLERANCE * np.abs(ddq).max(axis=0)
-        for end_row, step in ((0, time[1] - time[0]), (-1, time[-2] - time[-1])):
+        steps_inward = {0: time[1] - time[0], -1: time[-2] - time[-1]}  # by row; negative at the end
+        for end_row, step in steps_inward.items():
             jump_slope = ddq[end_row] / step
             jerk[end_row] = np.where(is_nonzero[end_row], jump_slope, jerk[end_row])
         self._add("jerk", time, np.abs(jerk) - self.bounds.jerk, jerk)
@@ -258,21 +265,21 @@ class LimitCheck:
             self.add_borne(time, follower_torques(self.model, wrenches))
 
     def add_borne(self, time: Array, torques: Array) -> None:
-        """Check the torques (n, k) of the mimic joints with an effort limit at times (n,)."""
+        """Check the torques (n, k) of the k mimic joints with an effort limit at times (n,)."""
         extrema = Extrema.from_rows(time, np.abs(torques), torques)
         self._follower_torques = Extrema.merge([self._follower_torques, extrema])
 
     def violations(self) -> tuple[Violation, ...]:
         """Violations, sorted by the ratio of the excess to the tolerance, largest first."""
         rated_violations = []  # with their ratios
-        for kind, worst in self._excesses.items():
+        for kind, largest in self._excesses.items():
             names = self.model.velocity_names
             is_turning = Coordinates.from_model(self.model).angular_velocity.tolist()
             if kind == "torque":
                 names = self.model.drive_labels
                 is_turning = drive_turns(self.model)
-            for k, value in enumerate(worst.signed.tolist()):
-                excess = float(worst.value[k])
+            for k, value in enumerate(largest.signed.tolist()):
+                excess = float(largest.value[k])
                 limit = self._limit(kind, k, value, excess)
                 tolerance = float(margin(abs(limit)))
                 if kind == "position":
@@ -283,7 +290,8 @@ class LimitCheck:
                 if tolerance > 0:
                     ratio = excess / tolerance
                 unit = unit_of(_PARTS[kind], bool(is_turning[k]))
-                rated_violations.append((ratio, Violation(names[k], kind, value, limit, float(worst.time[k]), unit)))
+                violation = Violation(names[k], kind, value, limit, float(largest.time[k]), unit)
+                rated_violations.append((ratio, violation))
         for i, body in enumerate(self._followers):
             value = float(self._follower_torques.signed[i])
             excess = float(self._follower_torques.value[i] - body.effort)
@@ -294,7 +302,7 @@ class LimitCheck:
                 unit = unit_of("tau", bool(body.joint.turning[0]))
                 violation = Violation(body.joint.name, "torque", value, limit, time, unit)
                 rated_violations.append((excess / tolerance, violation))
-        rated_violations.sort(key=lambda rated: -rated[0])
+        rated_violations.sort(key=lambda rated: -rated[0])  # by decreasing ratio
         return tuple(violation for _, violation in rated_violations)
 
     def _limit(self, kind: str, k: int, value: float, excess: float) -> float:
@@ -317,7 +325,7 @@ class LimitCheck:
 
 
 _MIN_SIGMAS = 3.0
-"""Standard deviations of its noise by which a measured torque is above its limit."""
+"""Excess of a measured torque over its limit, in standard deviations of its noise, from which it is above the limit."""
 
 # Shorter peaks above a limit are impacts, or allowed by gears with a peak rating.
 _MIN_ROWS = 3
@@ -334,13 +342,13 @@ class TimeAbove(NamedTuple):
     length: Array
     """Time from the first row of the run to its last [s]."""
     at: Array
-    """Time of the first row of the run [s]; nan if the torque is never above."""
+    """Time at which the run begins [s]; nan if the torque is never above."""
 
     @classmethod
     def from_rows(cls, time: Array, is_above: Array) -> TimeAbove:
         """Longest run of True in each column of a mask (n, nv) at times (n,); the first run if several are equally long."""
         runs = [_longest_run(time, np.flatnonzero(column)) for column in is_above.T]
-        row_counts, lengths, begins = np.array(runs).reshape(-1, 3).T
+        row_counts, lengths, begins = np.array(runs).reshape(-1, 3).T  # also without columns
         return cls(row_counts.astype(int), lengths, begins)
 
     def is_lasting(self, step: float) -> Array:

@@ -52,7 +52,7 @@ def is_command(name: str) -> bool:
 STATES = ("q", "dq", "ddq", "tau")
 """Keys of the parts of a motion: coordinates, velocities, accelerations and torques."""
 PARTS = (*STATES, "command")
-"""Keys of all parts of a motion, with that of commanded positions."""
+"""Keys of all parts of a motion, including commanded positions."""
 
 CURRENT = "current"
 """Word for a motor current, which a gain converts to a torque."""
@@ -83,10 +83,13 @@ ROS_TIME = "%time"
 """Time column of ``rostopic echo -p``, in integer nanoseconds; other programs write seconds in it."""
 _CERTAIN_TIME_NAMES = ("time", "t")
 _SECONDS_NAMES = ("seconds", "secs")
+"""Names that say the unit of a time."""
 _STAMP_NAMES = (  # names that are probably a time
     "timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", *_SECONDS_NAMES, "clock",
     "zeit", "zeitstempel", "temps", "tiempo", "tempo", "时间",
 )  # fmt: skip
+_CHARACTERS_AROUND_NAMES = "%_ "
+"""Characters at both ends of a name that do not change its meaning."""
 _NAME_IN_DEGREES = re.compile(r"A\d|rax_\d", re.IGNORECASE)
 """Position names of KUKA and ABB, which are in degrees."""
 
@@ -97,10 +100,10 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
     >>> time_meaning("Time"), time_meaning("timestamp_ns"), time_meaning("elbow")
     ((0, None), (1, 'ns'), None)
     """
-    name = text.casefold().strip("%_ ")
+    name = text.casefold().strip(_CHARACTERS_AROUND_NAMES)
     if name in _CERTAIN_TIME_NAMES and text.strip() != ROS_TIME:
         return 0, None
-    if name in (*_STAMP_NAMES, "time"):  # "time" is here the stripped ROS_TIME
+    if name in (*_STAMP_NAMES, "time"):  # "time" is here ROS_TIME without its sign
         return 1, None
     name_without_unit, _, unit = name.rpartition("_")
     is_unit = unit in ("s", "sec", "ms", "us", "ns")
@@ -115,11 +118,11 @@ def is_called_seconds(text: str) -> bool:
     >>> is_called_seconds("Seconds"), is_called_seconds("t")
     (True, False)
     """
-    return text.casefold().strip("%_ ") in _SECONDS_NAMES
+    return text.casefold().strip(_CHARACTERS_AROUND_NAMES) in _SECONDS_NAMES
 
 
 def are_in_degrees(names: Sequence[str]) -> bool:
-    """True if all positions, which have no unit, have names of KUKA or ABB, whose angles are in degrees.
+    """True if all ``names`` of positions without unit are names of KUKA or ABB, whose angles are in degrees.
 
     >>> are_in_degrees(["A1", "A2"]), are_in_degrees(["joint1", "joint2"])
     (True, False)
@@ -133,7 +136,8 @@ def time_column(names: Sequence[str]) -> str:
     >>> time_column(["elbow"]), time_column(["time", "elbow"])
     ('time', 'time [s]')
     """
-    return next(name for name in ("time", "time [s]", "timestamp [s]", "seconds [s]") if name not in names)
+    candidates = ("time", "time [s]", "timestamp [s]", "seconds [s]")
+    return next(name for name in candidates if name not in names)
 
 
 # ── Units in brackets, as in ``elbow [deg]``, and their factors to SI
@@ -199,7 +203,9 @@ _USUAL_UNITS = {  # by quantity, and True for turning joints
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
-    """Name of a column without the unit in brackets at its end, and this unit or None; numbers in brackets are indices.
+    """Name and unit of a column with its unit in brackets at the end; the unit is None without one.
+
+    Numbers in brackets are indices, not units.
 
     >>> split_unit("elbow [deg]"), split_unit("Time (ms)"), split_unit("position[0]")
     (('elbow', 'deg'), ('Time', 'ms'), ('position[0]', None))
@@ -227,7 +233,8 @@ def si_factor(unit: str, part: str, angular: bool) -> float | None:
     >>> si_factor("deg/s^2", "ddq", True) == math.radians(1.0), si_factor("m/s", "dq", True)
     (True, None)
     """
-    return _FACTORS[part, angular].get(_plain(unit, products=part == "tau"))
+    plain_unit = _plain(unit, products=part == "tau")  # only torques have units that are products
+    return _FACTORS[part, angular].get(plain_unit)
 
 
 def known_units(part: str, angular: bool) -> str:
@@ -251,7 +258,8 @@ def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
 
 def current_factor(unit: str) -> float | None:
     """Factor from a unit of current to ampere; None for other units."""
-    return {"a": 1.0, "ma": 1e-3}.get(_plain(unit))
+    factors = {"a": 1.0, "ma": 1e-3}
+    return factors.get(_plain(unit))
 
 
 def time_factor(unit: str) -> float | None:
@@ -275,7 +283,7 @@ def date_note(begin: float) -> tuple[str, ...]:
     """
     if not SINCE_1970 < begin < _LAST_DATE:
         return ()
-    date = np.datetime64(int(begin), "s").item()
+    date = np.datetime64(int(begin), "s").item()  # a datetime of the standard library
     return (f"Time counts from {date:%Y-%m-%d %H:%M:%S} UTC.",)
 
 
@@ -298,8 +306,9 @@ def unit_since_1970(stamps: Array) -> str | None:
 
 _UNITS_PER_GIGASECOND = {"ns": 1e18, "us": 1e15, "ms": 1e12}
 _FIRST_DATE = 1.2
+"""Earliest date of a recording, in 2008 [10⁹ s since 1970]."""
 _LAST_RECORDING_DATE = 2.2
-"""Dates in 2008 and in 2039 [10⁹ s since 1970]."""
+"""Latest date of a recording, in 2039 [10⁹ s since 1970]."""
 
 
 def ros_nanoseconds(stamps: Array) -> bool:
@@ -311,17 +320,21 @@ def ros_nanoseconds(stamps: Array) -> bool:
     >>> ros_nanoseconds(np.array([1.7e18, 1.7e18 + 1e7])), ros_nanoseconds(np.array([1.7e9, 1.7e9 + 0.01]))
     (True, False)
     """
-    if not len(stamps):
+    if not len(stamps):  # the unit of the format
         return True
     if np.abs(stamps).max() >= _MIN_DATE_NS:
         return True
     are_integers = (stamps == np.round(stamps)).all()
     if not are_integers:
         return False
-    return len(stamps) == 1 or float(np.median(np.diff(stamps))) >= _MIN_STEP_NS
+    if len(stamps) == 1:
+        return True
+    usual_step = float(np.median(np.diff(stamps)))
+    return usual_step >= _MIN_STEP_NS
 
 
 _PLAIN_CHARACTERS = str.maketrans({"²": "2", "³": "3", "^": "", "µ": "u", "μ": "u"})
+"""Replacements of characters in units; µ is the micro sign, μ the Greek letter."""
 _BLANKS = re.compile(r"\s")
 _BLANKS_AND_PRODUCT_SIGNS = re.compile(r"[\s·*.⋅-]")
 
@@ -330,7 +343,7 @@ def _plain(unit: str, *, products: bool = False) -> str:
     """Unit in lower case without blanks, with powers as digits; if ``products``, also without product signs, as in N·m."""
     text = unit.strip().casefold()
     text = text.translate(_PLAIN_CHARACTERS).replace("**", "")
-    if "/" in text:
+    if "/" in text:  # such as deg./sec
         text = text.replace("deg.", "deg").replace("sec", "s")
     ignored_characters = _BLANKS_AND_PRODUCT_SIGNS if products else _BLANKS
     text = ignored_characters.sub("", text)

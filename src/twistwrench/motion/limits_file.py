@@ -1,7 +1,7 @@
 """Joint limits that the user gives: a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``.
 
 Limits of bearings are in the columns ``axial,radial,tilting`` [N, N, N m]. Rows of locked joints are ignored. The table of
-``twistwrench info --csv``, with one row for each entry of dq, is accepted; its columns without limits are ignored.
+``twistwrench info --csv``, with one row for each entry of dq, is also accepted; columns other than limits are ignored.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ _WORDS_FOR_NUMBERS = {
     **dict.fromkeys(("-inf", "-infinity"), -math.inf),
     "nan": math.nan,
 }
+"""Numbers that cells may have as words, in lower case."""
 _QUANTITY_OF_KIND = {
     "lower": "q",
     "upper": "q",
@@ -52,9 +53,9 @@ _QUANTITY_OF_KIND = {
     "deceleration": "ddq",
     "effort": "tau",
 }
-"""Quantity that has the units of a kind of limit; for kinds not listed, such as jerk, it has the name of the kind."""
+"""Quantity that has the units of a kind of limit. Kinds that are not listed, such as jerk, are themselves quantities."""
 _BEARING_LOADS = {"axial": ("tau", False), "radial": ("tau", False), "tilting": ("tau", True)}
-"""Quantity, and True for a moment, by kind of bearing limit; they do not depend on the type of the joint."""
+"""Quantity of each kind of bearing limit, and True for a moment; the type of the joint has no effect."""
 
 
 Given: TypeAlias = str | Path | Limits | Mapping[str, Any] | None
@@ -88,8 +89,8 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
         return given
     if not isinstance(given, Mapping):
         return read_limits(given, model, degrees=degrees)
-    # a joint may have the name of a kind: its effort is a number, not an array
-    arrays_by_kind = {name: value for name, value in given.items() if name in KINDS and np.ndim(value)}
+    # A joint may have the name of a kind. Its effort is a number, which has no axis.
+    arrays_by_kind = {name: value for name, value in given.items() if name in KINDS and np.ndim(value) > 0}
     efforts_by_joint = {name: value for name, value in given.items() if name not in arrays_by_kind}
     limits = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
     for kind, array in arrays_by_kind.items():
@@ -108,7 +109,7 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
         limits["effort"][k] = arguments.number(effort, f"limits: {joint}")
         has_effort[k] = True
     for kind in KINDS:
-        is_given = kind in arrays_by_kind or kind == "effort"
+        is_given = kind in arrays_by_kind or kind == "effort"  # efforts may be given by joint
         is_invalid = np.isnan(limits[kind])
         if kind not in ("lower", "upper"):
             is_invalid |= limits[kind] <= 0.0
@@ -164,22 +165,23 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
         position_factor = _factor(position_unit, "q", is_angular, f"{where}, column 'unit'")
         for kind, value in values.items():
             if kind in units:
-                joint_quantity = _QUANTITY_OF_KIND.get(kind, kind), is_angular
-                quantity, is_angular_quantity = _BEARING_LOADS.get(kind, joint_quantity)
+                quantity, is_angular_quantity = _QUANTITY_OF_KIND.get(kind, kind), is_angular
+                if kind in _BEARING_LOADS:
+                    quantity, is_angular_quantity = _BEARING_LOADS[kind]
                 factor = _factor(units[kind], quantity, is_angular_quantity, f"{where}, column {kind!r}")
             elif kind in ("effort", *BEARINGS):
                 factor = 1.0
-            else:
+            else:  # positions and their derivatives
                 factor = position_factor
             limits[kind][k] = value * factor
             with_unit[KINDS.index(kind), k] = kind in units
         _check_bearing(model, joint, values, where)
         if "acceleration" in values and "deceleration" not in values:
             limits["deceleration"][k] = limits["acceleration"][k]
-        if limits["lower"][k] > limits["upper"][k]:
+        lower, upper = limits["lower"][k], limits["upper"][k]
+        if lower > upper:
             raise ValueRangeError(
-                f"{where}: the lower limit of {joint!r}, {printed(limits['lower'][k])}, is above the upper, "
-                f"{printed(limits['upper'][k])}. Swap them."
+                f"{where}: the lower limit of {joint!r}, {printed(lower)}, is above the upper, {printed(upper)}. Swap them."
             )
     return StatedLimits(**limits, stated=has_effort, with_unit=with_unit, of_locked=tuple(locked_joints))
 
@@ -205,12 +207,14 @@ def _velocity_index(
     """
     names = coordinates.velocity_names
     if joint not in names:
-        raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, names, similarity=0.6)}")
+        unknown_name = UnknownNameError.from_choices("joint", joint, names, similarity=0.6)
+        raise ValueRangeError(f"{where}: {unknown_name}")
     if joint in previous_joints:
         raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
     k = names.index(joint)
-    position_limits = [kind for kind in ("lower", "upper") if math.isfinite(values.get(kind, math.inf))]
-    if coordinates.position_of[k] < 0 and position_limits:
+    position_limits = [kind for kind in ("lower", "upper") if math.isfinite(values.get(kind, math.inf))]  # finite ones
+    has_position = coordinates.position_of[k] >= 0
+    if position_limits and not has_position:
         raise ValueRangeError(
             f"{where}, column {position_limits[0]!r}: {joint!r} is a velocity in the frame of a moving body, and no position "
             "belongs to it. Give limits of velocity and effort, and leave lower and upper blank."
@@ -246,9 +250,9 @@ def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
         header.append(name)
         if unit and name in KINDS:
             units[name] = unit
-    has_unknown = not set(header) <= {*COLUMNS, *BEARINGS}
+    unknown_names = set(header) - {*COLUMNS, *BEARINGS}
     has_repeated = len(set(header)) < len(header)
-    if "joint" not in header or has_unknown or has_repeated:
+    if "joint" not in header or unknown_names or has_repeated:
         raise ValueRangeError(
             f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
             f"{', '.join(KINDS)}, each once, separated by commas."
@@ -259,7 +263,7 @@ def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
 def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
     """Number of a cell; raises ValueRangeError if it cannot be a limit of this kind."""
     value = _WORDS_FOR_NUMBERS.get(text.lower())
-    if value is None:
+    if value is None:  # not a word
         value = dialect.number(text)
     if value is None:
         raise ValueRangeError(
@@ -290,13 +294,14 @@ def robot_origin(robot: Robot, limits: Limits | None = None, *, degrees: bool = 
 def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> Table:
     """Table of the limits that a report uses, and of their sources; angles in degrees if ``degrees``."""
     is_angular = Coordinates.from_model(model).angular_velocity
-    printed_units = np.where(is_angular & degrees, math.degrees(1.0), 1.0)  # in one SI unit
+    degrees_per_radian = math.degrees(1.0)
+    printed_units = np.where(is_angular & degrees, degrees_per_radian, 1.0)  # in an SI unit
     position_unit = heading_unit("q", is_angular, degrees=degrees)
     velocity_unit = heading_unit("dq", is_angular, degrees=degrees)
     sources = np.full(model.nv, "robot's file", object)
     if isinstance(limits, StatedLimits):
         sources[limits.stated] = "limits given"
-    sources[~np.isfinite(limits.effort)] = "none"
+    sources[~np.isfinite(limits.effort)] = "none"  # no limit
     for coupling in model.couplings:
         for joint in coupling.joints:
             sources[model.velocity_names.index(joint)] = f"of motors {listed(coupling.motors)}"
@@ -306,6 +311,6 @@ def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> Tabl
         numbers("torque", joint_effort(model, limits.effort), unit=heading_unit("tau", is_angular)),
         numbers("velocity", printed_units * limits.velocity, unit=velocity_unit),
         numbers("lower", printed_units * limits.lower, unit=position_unit),
-        numbers("upper", printed_units * limits.upper, unit=position_unit, headed=False),
+        numbers("upper", printed_units * limits.upper, unit=position_unit, headed=False),  # the unit stands at lower
         words("source of the torque limit", sources.tolist()),
     )

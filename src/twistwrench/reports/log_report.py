@@ -1,4 +1,4 @@
-"""Report on a log, as of the command ``log``: its columns, rates, gaps, grids and noise."""
+"""Report of the command ``log``: columns of a log, its rates, gaps, grids and noise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["LogReport", "check_log"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogReport(Answer):
-    """Columns of a log, its rates, gaps, grids and noise; nothing is judged, so the verdict is DONE.
+    """Columns of a log, its rates, gaps, grids and noise. Nothing is judged: the verdict is always DONE.
 
     Examples
     --------
@@ -74,7 +74,8 @@ class LogReport(Answer):
         -------
         data : dict, as written by ``--json`` for each file
         """
-        figures = {**asdict(self.quality), "path": str(self.quality.path)}
+        figures = asdict(self.quality)
+        figures["path"] = str(self.quality.path)  # JSON has no paths
         return {**super().to_dict(), **_without_infinities(figures)}
 
 
@@ -124,9 +125,9 @@ def log_view(quality: LogQuality) -> Iterator[Block]:
         words("column", [column.name for column in columns]),
         numbers("least", [column.least for column in columns]),
         numbers("most", [column.most for column in columns]),
-        numbers("grid", [column.grid or None for column in columns]),  # a dash for 0
+        numbers("grid", [column.grid or None for column in columns]),  # None prints as a dash, in place of 0
         numbers("noise", [column.noise or None for column in columns]),
-        words("", map(_remarks_on_column, columns), style=Style.NEAR),
+        words("", [_remarks_on_column(column) for column in columns], style=Style.NEAR),
         most=_MAX_ROWS,
     )
     yield from remarks(quality.notes)
@@ -136,7 +137,8 @@ def _clock_text(quality: LogQuality) -> str:
     """Number of rows, duration and rate of the log, and irregular steps."""
     if not quality.time:
         return f"{quality.rows} rows, no column of time"
-    parts = [f"{quality.rows} rows in {number(quality.seconds)} s, {number(quality.rate)} Hz by the usual step"]
+    duration, rate = number(quality.seconds), number(quality.rate)
+    parts = [f"{quality.rows} rows in {duration} s, {rate} Hz by the usual step"]
     relative_jitter = quality.jitter * quality.rate
     if math.isfinite(quality.jitter) and relative_jitter > _MIN_JITTER:
         parts.append(f"steps vary by {percent(relative_jitter, 2)}")
@@ -164,7 +166,8 @@ def _remarks_on_column(column: LogColumn) -> str:
         column_remarks.append(f"exactly 0 in {percent(column.zeros, 2)} of the rows")
     extent = column.most - column.least
     if column.grid and extent < _MIN_GRID_STEPS * column.grid:
-        column_remarks.append(f"no more than {round(extent / column.grid)} steps of its grid in all")
+        step_count = round(extent / column.grid)
+        column_remarks.append(f"no more than {step_count} steps of its grid in all")
     return "; ".join(column_remarks)
 
 

@@ -21,10 +21,10 @@ from .quantities import QUANTITIES, Quantity, Shape
 def evaluate_quantity(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:
     """Results of the quantity's algorithm on arrays of numbers or symbols.
 
-    The arrays are the usual inputs, then a wrench for each frame, gravity and parameters, if these are inputs.
+    The arrays are the usual inputs. Wrenches of the frames, gravity and parameters follow, each if it is an input.
     """
     algorithm_options = dict(options)
-    algorithm_options.pop("derivative", None)
+    algorithm_options.pop("derivative", None)  # derived by the caller
     usual_count = len(quantity.inputs)
     parameters = algorithm_options.pop("parameters", ())
     if parameters:
@@ -39,7 +39,7 @@ def evaluate_quantity(quantity: Quantity, model: Model, arrays: Sequence[Any], o
             if frame in frames_on_robot:
                 wrenches_by_robot[frame] = -wrenches_by_robot[frame]
         algorithm_options["wrenches"] = wrenches_by_robot
-    if algorithm_options.pop("gravity", None):  # now the last input, without parameters
+    if algorithm_options.pop("gravity", None):  # the last of the arrays, once parameters are gone
         model = replace(model, gravity=arrays[-1])
     return quantity.algorithm(model, *arrays[:usual_count], **algorithm_options)
 
@@ -61,7 +61,9 @@ def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: 
 
 def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]], *, regroup: bool = True) -> Program:
     """Trace several quantities, ``{name: options}``, as one program with common subexpressions."""
-    ports, derivative_ports, models = {}, {}, {}  # by quantity
+    ports: dict[str, dict[str, Shape]] = {}  # inputs, by quantity
+    derivative_ports: dict[str, dict[str, Shape]] = {}  # further inputs of derivatives, by quantity
+    models: dict[str, Model] = {}  # by quantity
     for name, options in requested.items():
         ports[name] = input_shapes(model, name, options)
         derivative_ports[name] = _ports_of_derivative(model, name, options)
@@ -72,6 +74,7 @@ def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]],
     labels = _input_order(inputs)
 
     def all_results(*arrays: Any) -> tuple[Any, ...]:
+        """Results of all quantities, from arrays in the order of ``labels``."""
         array_by_label = dict(zip(labels, arrays, strict=True))
         collected: list[Any] = []
         for name, options in requested.items():
@@ -82,7 +85,7 @@ def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]],
             if derivative is not None:
                 charts = {}
                 for label in derivative.by:
-                    chart_model = model if label in CONFIGURATIONS else None
+                    chart_model = model if label in CONFIGURATIONS else None  # None: a plain vector
                     charts[label] = Chart.from_input(arguments[label], chart_model)
                 weights_and_directions = {label: array_by_label[label] for label in derivative_ports[name]}
                 results = derivative.derive(name, results, charts, weights_and_directions)
@@ -92,8 +95,11 @@ def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]],
     outputs: list[str] = []
     for name, options in requested.items():
         names = QUANTITIES[name].outputs
-        outputs += options["derivative"].outputs(names) if "derivative" in options else names
-    return trace(all_results, [(label, inputs[label]) for label in labels], outputs)
+        if "derivative" in options:
+            names = options["derivative"].outputs(names)
+        outputs += names
+    input_ports = [(label, inputs[label]) for label in labels]
+    return trace(all_results, input_ports, outputs)
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
@@ -105,7 +111,7 @@ def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple
 def _input_order(labels: Iterable[str]) -> list[str]:
     """Labels in order: usual inputs, weights and directions of derivatives, wrenches, gravity, parameters."""
     last_labels = ("gravity", "parameters")
-    # the sort keeps the order within each kind
+    # False sorts before True, and the order within each kind stays.
     return sorted(labels, key=lambda label: (label in last_labels, label.startswith("wrench at")))
 
 
@@ -116,7 +122,7 @@ def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) ->
         return {}
     ports = input_shapes(model, name, options)
     outputs = QUANTITIES[name].outputs
-    result_shapes: Any = [()] * len(outputs)
+    result_shapes: Any = [()] * len(outputs)  # without effect unless the derivative weighs results
     if derivative.weighs:  # shapes of results are known only after tracing
         temporary_trace = Trace()
         symbols = [temporary_trace.inputs(0, shape) for shape in ports.values()]
@@ -135,6 +141,7 @@ def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) ->
 def _model_for(model: Model, name: str, options: Mapping[str, Any], regroup: bool) -> Model:
     """Model for a quantity: regrouped if the quantity depends only on joint torques, and no parameter moves a joint."""
     parameters_move_joints = moves_joints(model, options.get("parameters", ()))
-    if QUANTITIES[name].felt and regroup and not parameters_move_joints:
+    depends_on_joint_torques_alone = QUANTITIES[name].felt
+    if depends_on_joint_torques_alone and regroup and not parameters_move_joints:
         return regrouped(model)
     return model

@@ -27,7 +27,7 @@ from .observability import advice, blind_spots
 from .outliers import least_rows, reject_outliers, touched_in_static_poses
 from .result import Identification
 from .sensor import Sign, sign_factor
-from .static_poses import static_poses
+from .static_poses import StaticPoses, static_poses
 from .unknowns import Unknowns
 
 MIN_ROWS_IN_ORDER = 8
@@ -35,7 +35,9 @@ MIN_ROWS_IN_ORDER = 8
 Cause: TypeAlias = Literal["orientation", "drift", "tilt", "delay"]
 """Causes of residuals for ``assume``, each an additional unknown of the fit."""
 Causes: TypeAlias = Cause | Sequence[Cause]
+"""A cause, or several."""
 Outliers: TypeAlias = Literal["trim", "keep"]
+"""Treatment of outliers: rejected, or used."""
 BiasGiven: TypeAlias = ArrayLike
 NoiseGiven: TypeAlias = ArrayLike
 CAUSES: tuple[Cause, ...] = get_args(Cause)
@@ -107,8 +109,9 @@ def identify(
     causes = (assume,) if isinstance(assume, str) else tuple(assume)
     for cause in causes:
         arguments.choice(cause, "assume", CAUSES)
-    is_assumed = [cause in causes for cause in CAUSES]
-    unknowns = Unknowns(bias is None, arguments.flag(inertia, "inertia"), *is_assumed)
+    is_assumed = [cause in causes for cause in CAUSES]  # in the order of the fields of Unknowns
+    has_inertia = arguments.flag(inertia, "inertia")
+    unknowns = Unknowns(bias is None, has_inertia, *is_assumed)
     known_bias, known_noise = _validate(bias, noise, outliers, confidence)
     _check_log(log, unknowns)
     is_used = np.ones(len(log), bool)  # mask of readings
@@ -131,24 +134,23 @@ def identify(
     )
     unobservable = blind_spots(log.rows(is_used), unknowns, factor)
     if unobservable:
-        raise ValueRangeError(f"{log.name}: {' '.join(unobservable[:_MAX_BLIND_SPOTS])} {advice(log, unknowns)}")
+        sentences = " ".join(unobservable[:_MAX_BLIND_SPOTS])
+        raise ValueRangeError(f"{log.name}: {sentences} {advice(log, unknowns)}")
     problem = with_guessed_mounting(problem)
     is_kept = np.ones(len(poses.log), bool)  # mask of rows, which are dwells or readings in motion
     if outliers == "trim" and len(poses.log) > least_rows(problem):
-        best_fit, is_kept = fit_unless_drift(problem, *reject_outliers(problem))
+        trimmed_fit, is_kept = reject_outliers(problem)
+        best_fit, is_kept = fit_unless_drift(problem, trimmed_fit, is_kept)
     else:
         best_fit = fit(problem, keep=is_kept)
     white = whiteness(best_fit, is_kept, poses.label)
     has_revisits = len(np.unique(poses.label)) < len(is_kept)
-    if white is not None and white.length > 1 and not has_revisits:  # autocorrelated neighbours become one cluster
+    is_autocorrelated = white is not None and white.length > 1
+    if white is not None and is_autocorrelated and not has_revisits:  # neighbours become one cluster
         cluster_of_row = np.arange(len(is_kept)) // white.length
         problem = replace(problem, label=cluster_of_row, state=best_fit.state)
         best_fit = fit(problem, keep=is_kept)
-    is_between_dwells = np.zeros(len(log), bool)
-    is_between_dwells[is_used] = poses.row < 0
-    is_outlier = ~is_used
-    is_outlier[is_used] = ~poses.spread(is_kept) & ~is_between_dwells[is_used]
-    used_readings = UsedReadings(is_outlier, is_between_dwells, poses.label, white)
+    used_readings = _used_readings(is_used, poses, is_kept, white)
     return acceptance_test(Diagnosis(sign, best_fit, is_kept), confidence, problem, log, used_readings)
 
 
@@ -156,17 +158,28 @@ _MAX_BLIND_SPOTS = 3
 """Largest number of sentences on unobservable unknowns in an error message."""
 
 
+def _used_readings(is_used: Array, poses: StaticPoses, is_kept: Array, white: Whiteness | None) -> UsedReadings:
+    """Use of each reading, from the masks of used readings (N,) and of kept rows (n,)."""
+    is_between_dwells = np.zeros(len(is_used), bool)
+    is_between_dwells[is_used] = poses.row < 0  # readings without a row
+    is_outlier = ~is_used
+    is_reading_kept = poses.spread(is_kept)  # from rows to readings
+    is_outlier[is_used] = ~is_reading_kept & ~is_between_dwells[is_used]
+    return UsedReadings(is_outlier, is_between_dwells, poses.label, white)
+
+
 def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
     """Whiteness test of the residuals of the rows that the mask ``kept`` (n,) marks, in the order of the log.
 
-    Rows with the same ``label`` (n,) share the pose error of a revisited orientation, so their mean is subtracted. None for
-    too few rows.
+    Rows with the same ``label`` (n,) share the pose error of a revisited orientation, so their mean is subtracted. Returns None
+    for too few rows.
     """
-    e = (fit.residuals / fit.deviation)[kept]
+    scaled_residuals = fit.residuals / fit.deviation
+    e = scaled_residuals[kept]  # (n, 6)
     _, cluster, count = np.unique(label[kept], return_inverse=True, return_counts=True)
-    total = np.zeros((len(count), 6))
-    np.add.at(total, cluster, e)
-    cluster_means = np.where(count[:, None] > 1, total / count[:, None], 0.0)
+    sums = np.zeros((len(count), 6))  # of each cluster
+    np.add.at(sums, cluster, e)
+    cluster_means = np.where(count[:, None] > 1, sums / count[:, None], 0.0)  # a single row keeps its residual
     e = e - cluster_means[cluster]
     if len(e) < MIN_ROWS_IN_ORDER:
         return None
@@ -192,12 +205,13 @@ def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
     for is_unknown, name, signal, signal_text in needs:
         if is_unknown and signal is None:
             raise ValueRangeError(f"{log.name}: {name} shows only in {signal_text}; otherwise leave it out.")
-    # six equations for each reading; the same number as least_rows
-    min_readings = max(3, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)
+    # A reading has six equations. The minimum is the same as in least_rows.
+    unknown_count = len(unknowns.names)
+    min_readings = max(3, math.ceil((unknown_count + 2) / 6) + unknowns.turn)
     if len(log) < min_readings:
         readings = "1 reading" if len(log) == 1 else f"{len(log)} readings"
         raise ValueRangeError(
-            f"{log.name}: {readings}, and {len(unknowns.names)} unknowns need at least {min_readings} in different "
+            f"{log.name}: {readings}, and {unknown_count} unknowns need at least {min_readings} in different "
             "orientations. Add readings; `poses` proposes some."
         )
 
@@ -208,9 +222,11 @@ def _validate(
     """Known bias (6,), zero if it is not known, and known noise (6,), None if it is not known."""
     known_bias = np.zeros(6)
     if bias is not None:
-        known_bias = arguments.finite(arguments.one(bias, "bias", 6), "bias")
+        six_numbers = arguments.one(bias, "bias", 6)
+        known_bias = arguments.finite(six_numbers, "bias")
     known_noise = None if noise is None else six_noises(noise)
     arguments.choice(outliers, "outliers", ("trim", "keep"))
-    if not 0 < arguments.number(confidence, "confidence") < 1:
+    level = arguments.number(confidence, "confidence")
+    if not 0 < level < 1:
         raise ValueRangeError(f"confidence {confidence!r} is not between 0 and 1. Give 0.95 for 95 %.")
     return known_bias, known_noise

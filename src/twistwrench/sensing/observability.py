@@ -32,6 +32,8 @@ _UNIT_BY_NAME_START = {
 def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]:
     """Combinations of unknowns without effect on any reading of the log, as sentences; empty if all are observable.
 
+    ``factor`` is that of :func:`.sensor.sign_factor`.
+
     >>> upright = ReadingLog.from_arrays(np.zeros((3, 6)), gravity=[0, 0, -9.81])
     >>> print(blind_spots(upright, Unknowns(), 1.0)[0])
     mass +1 kg with bias fz +9.81 N changes no reading: these cannot be distinguished.
@@ -40,12 +42,13 @@ def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]
     if unknowns.nonlinear_columns.size:  # their columns depend on the load
         load = _GENERIC_LOAD
     design = unknowns.design(log, factor, SensorState(load=load))
-    A = design.reshape(6 * len(log), -1) * unknowns.scales
+    A = design.reshape(6 * len(log), -1) * unknowns.scales  # a row for each of the six numbers of a reading
     names = unknowns.names
     # Load first and bias last: each combination is reported as a change of the load that the bias can cancel.
     bias_count = 6 if unknowns.bias else 0
     load_first = [*range(bias_count, len(names)), *range(bias_count)]
-    combinations = null_combinations(A[:, load_first]) * unknowns.scales[load_first]
+    scaled_combinations = null_combinations(A[:, load_first])
+    combinations = scaled_combinations * unknowns.scales[load_first]
     ordered_names = [names[k] for k in load_first]
     return [_sentence(changes, ordered_names) for changes in combinations]
 
@@ -56,10 +59,12 @@ def advice(log: ReadingLog, unknowns: Unknowns) -> str:
     centre = directions.mean(axis=0)
     _, singular_values, axes = np.linalg.svd(directions - centre)
     # Root mean square distance from the centre along each axis, largest first; 0 beyond the number of directions.
-    three_values = np.concatenate([singular_values, np.zeros(3)])[:3]
+    padded_values = np.concatenate([singular_values, np.zeros(3)])
+    three_values = padded_values[:3]
     largest_spread, second_spread, _ = three_values / np.sqrt(len(directions))
     if largest_spread < MIN_ANGLE:
-        mean_direction = _vector_text(centre / np.linalg.norm(centre))
+        unit_vector = centre / np.linalg.norm(centre)
+        mean_direction = _vector_text(unit_vector)
         return (
             f"In all readings gravity points along ({mean_direction}) of the sensor's frame. "
             "Tilt the tool about two different axes between readings, by tens of degrees; `poses` proposes some."
@@ -68,7 +73,8 @@ def advice(log: ReadingLog, unknowns: Unknowns) -> str:
         axis = so3.cross(axes[0], centre)
         about_axis = ""
         if np.linalg.norm(axis) > MIN_ANGLE:  # zero for two opposite directions
-            about_axis = f" about ({_vector_text(axis / np.linalg.norm(axis))})"
+            unit_axis = axis / np.linalg.norm(axis)
+            about_axis = f" about ({_vector_text(unit_axis)})"
         return (
             f"Gravity takes only two directions in the sensor's frame: the tool was turned{about_axis} only. "
             "Add readings tilted about another axis; `poses` proposes some."

@@ -1,4 +1,4 @@
-"""Result of a sensor identification: confidence intervals and regions of its unknowns, and notes on large ones."""
+"""Result of a sensor identification: confidence intervals and regions of its unknowns, and notes on wide intervals."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,7 +69,7 @@ class Identification(Answer):
     rows: Array
     """Mask (n,) of the used rows of the fit; a row is a dwell, or a reading in motion."""
     kept: Array
-    """Mask (N,) of the used readings of the log; the others are outliers, or lie between dwells."""
+    """Mask (N,) of the used readings of the log; unused ones are outliers or lie between dwells."""
     confidence: float
     """Confidence level of intervals and regions, 0 to 1."""
     log: ReadingLog
@@ -82,11 +82,11 @@ class Identification(Answer):
     def __repr__(self) -> str:
         com_in_mm = 1e3 * np.asarray(self.sensor.load.com)
         half_widths_in_mm = 1e3 * self._com_half_widths()
-        com_texts = map(plus_minus, com_in_mm, half_widths_in_mm)
+        com_text = ", ".join(map(plus_minus, com_in_mm, half_widths_in_mm))
         moment_noise, force_noise = self.noise
         verdict_text = f"; {self.verdict.word}, see doubts" if self.doubtful else ""
         return (
-            f"<Identification: {self.mass_text}, com ({', '.join(com_texts)}) mm, noise {number(force_noise, 2)} N and "
+            f"<Identification: {self.mass_text}, com ({com_text}) mm, noise {number(force_noise, 2)} N and "
             f"{number(moment_noise, 2)} N m{verdict_text}>"
         )
 
@@ -127,7 +127,7 @@ class Identification(Answer):
         return not self.verdict.ok
 
     def rest(self, log: ReadingLog) -> Array:
-        """Residuals of all readings of the identification's own log; drift, tilt and delay are part of the fit.
+        """Residuals of all readings of the identification's own log: readings minus those of the fit.
 
         Parameters
         ----------
@@ -248,11 +248,11 @@ class Identification(Answer):
         """
         estimate, C, _ = self._load
         m = estimate[0]  # mass; its row and column in C are the first
-        intervals = np.tile([-math.inf, math.inf], (3, 1))
+        intervals = np.tile([-math.inf, math.inf], (3, 1))  # (3, 2)
         for axis in range(3):
             h = estimate[1 + axis]  # first moment
-            freedom = self.fit.com_known[axis]
-            t2 = float(student_quantile(freedom, self.confidence)) ** 2
+            freedom = self.fit.com_known[axis]  # degrees of freedom
+            t2 = float(student_quantile(freedom, self.confidence)) ** 2  # t²
             a = m * m - t2 * C[0, 0]
             if a <= 0:  # the mass may be zero
                 continue
@@ -279,9 +279,10 @@ class Identification(Answer):
         if c.shape != (3,):
             raise ShapeError(f"com has shape {c.shape}, expected (3,).")
         H = np.hstack([-c[:, None], np.eye(3)])  # H (m, h) = h - m c
-        r = H @ estimate
+        r = H @ estimate  # zero if c is the centre of mass
         covariance_of_r = H @ C @ H.T
-        return bool(r @ np.linalg.solve(covariance_of_r, r) <= self._squared_distance_limit(3))
+        squared_distance = r @ np.linalg.solve(covariance_of_r, r)
+        return bool(squared_distance <= self._squared_distance_limit(3))
 
     def region_contains(self, mass: float, com: ArrayLike) -> bool:
         """Test if a mass and centre of mass are in their joint confidence region, an ellipsoid of (m, m c).
@@ -296,8 +297,9 @@ class Identification(Answer):
         """
         estimate, _, C = self._load
         first_moment = mass * np.asarray(com, float)
-        r = np.array([mass, *first_moment]) - estimate
-        return bool(r @ np.linalg.solve(C, r) <= self._squared_distance_limit(4))
+        difference = np.array([mass, *first_moment]) - estimate
+        squared_distance = difference @ np.linalg.solve(C, difference)
+        return bool(squared_distance <= self._squared_distance_limit(4))
 
     @property
     def com_deviation(self) -> Array:
@@ -311,7 +313,7 @@ class Identification(Answer):
 
     @property
     def _load(self) -> tuple[Array, Array, Array]:
-        """Estimate (4,) of mass m and first moment h, its covariance, and its covariance for joint regions; (4, 4) each."""
+        """Estimate (4,) of mass m and first moment h; its covariances (4, 4) for single intervals and for joint regions."""
         start = self.fit.unknowns.load.start
         m_and_h = slice(start, start + 4)
         estimate = self.fit.estimate[m_and_h]
@@ -322,7 +324,8 @@ class Identification(Answer):
         from scipy import special
 
         freedom = min(self.fit.joint_freedom, 1e9)  # fdtri of inf is NaN
-        return float(count * special.fdtri(count, freedom, self.confidence))
+        quantile = special.fdtri(count, freedom, self.confidence)
+        return float(count * quantile)
 
 
 def weakness(found: Identification) -> list[Doubt]:
@@ -332,11 +335,16 @@ def weakness(found: Identification) -> list[Doubt]:
     confidence = percent(found.confidence, 3)
     if unknowns.inertia:
         trace = float(load.moment_about_com.trace())
-        moments = [name for name in unknowns.names if name.startswith("I")]
-        half_width, name = max((_half_width(found.interval(name)), name) for name in moments)
+        moments = [name for name in unknowns.names if name.startswith("I")]  # Ixx, Ixy, …
+        half_width_of_moment = {name: _half_width(found.interval(name)) for name in moments}
+        name = max(moments, key=lambda moment: (half_width_of_moment[moment], moment))
+        half_width = half_width_of_moment[name]
         if half_width > _LARGE_SHARE_OF_TRACE * abs(trace):
-            figures: dict[str, Any] = {"half": number(half_width, 2), "trace": number(trace, 2)}
-            return [doubt("sensor-weak-inertia", name=name, confidence=confidence, **figures)]
+            half_text = number(half_width, 2)
+            trace_text = number(trace, 2)
+            return [
+                doubt("sensor-weak-inertia", name=name, confidence=confidence, half=half_text, trace=trace_text),
+            ]
     mass_half_width = _half_width(found.mass_interval)
     com_half_widths = found._com_half_widths()
     widest_axis = int(com_half_widths.argmax())

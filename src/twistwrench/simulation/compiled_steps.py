@@ -1,7 +1,7 @@
 """Compiled steps of rollouts and simulations: torques, forward dynamics and integration, traced together.
 
-Angles are inputs in addition to the coordinates, with the same values. As a separate array, their magnitude can be
-checked once. A whole step can therefore be compiled without branches.
+The coordinates q are passed twice. The second array, ``angles``, is checked once for its magnitude, so that a whole step
+can be compiled without branches.
 """
 
 from __future__ import annotations
@@ -35,13 +35,15 @@ from .methods.tableaus import EULER, RK4, Tableau
 from .torque_laws import GivenTorque, TorqueLaw
 
 TABLEAUS = {"euler": EULER, "rk4": RK4}
-"""Tableaus by method: only methods in which each stage depends on no stage but the previous one."""
+"""Tableaus by method: only methods in which each stage depends on the previous stage alone."""
 COMPILED_METHODS = ("semi_implicit", *TABLEAUS)
 """Methods with compiled steps, by their names in simulations."""
 
 Ports = list[tuple[str, tuple[int, ...]]]
 """Names and shapes of the inputs or outputs of a program."""
 
+_NUMBERS_PER_STAGE = 5
+"""Number of entries in a row of :func:`stages`."""
 _WEIGHT_OF_POSITIONS_AND_WORKS = 1e-30
 """Weight of squared coordinates and works in the peak of a state, so small that only their NaN shows in it."""
 
@@ -129,40 +131,41 @@ class StepPlan:
         if self.parameters:
             ports.append(("parameters", (len(self.parameters),)))
         for k, contact in enumerate(self.contacts):
-            for name, x in contact.numbers.items():
-                ports.append((f"{name} of contact {k}", x.shape))
+            for name, value in contact.numbers.items():
+                ports.append((f"{name} of contact {k}", value.shape))
         return ports
 
     def recurrence(self) -> Scan:
         """Loop over whole steps. In simulations the state ends with its peak: see :meth:`_with_peak`."""
-        visible = len(self._state_names)
+        returned_states = len(self._state_names)
         if self.method in TABLEAUS:
             program, sources = self._trace_stage()
-            sums = len(self.state)  # sums of weighted rates, from stage to stage
-            return Scan(program, sources, visible=visible, hidden=sums, table=stages(TABLEAUS[self.method]))
+            sum_count = len(self.state)  # a sum of weighted rates for each part of the state
+            rows = stages(TABLEAUS[self.method])
+            return Scan(program, sources, visible=returned_states, hidden=sum_count, table=rows)
         ports = [self._angle_port, *self.state, *self.inputs]
         program = trace(self._semi_implicit, ports, [*self._state_names, *self._reports])
         sources = (*self._state_sources, *[Source("given")] * len(self.inputs))
-        return Scan(program, sources, visible=visible)
+        return Scan(program, sources, visible=returned_states)
 
     def one_stage(self) -> Scan:
         """Loop over Runge–Kutta stages: sums are states; start of the step and row of the tableau are inputs."""
         program, stage_sources = self._trace_stage()
         sources = [source if source.kind == "state" else Source("given") for source in stage_sources]
-        sums = len(self.state)
-        return Scan(program, tuple(sources), visible=len(self._state_names) + sums)
+        sum_count = len(self.state)
+        return Scan(program, tuple(sources), visible=len(self._state_names) + sum_count)
 
     def _trace_stage(self) -> tuple[Program, tuple[Source, ...]]:
         """Program of a stage, and the sources of its inputs."""
-        n = len(self.state)
+        part_count = len(self.state)
         starts: Ports = [(f"{name} at start", shape) for name, shape in self.state]
         sums: Ports = [(f"{name} sum", shape) for name, shape in self.state]
-        tableau_row = ("stage", (5,))
+        tableau_row = ("stage", (_NUMBERS_PER_STAGE,))
         ports: Ports = [self._angle_port, *self.state, *starts, *sums, tableau_row, *self.inputs]
-        first_sum = len(self._state_names)  # among the outputs
+        first_sum_index = len(self._state_names)  # among the outputs
         sources = [*self._state_sources]
-        sources += [Source("start", k) for k in range(n)]
-        sources += [Source("state", first_sum + k) for k in range(n)]
+        sources += [Source("start", k) for k in range(part_count)]
+        sources += [Source("state", first_sum_index + k) for k in range(part_count)]
         sources += [Source("stage"), *[Source("given")] * len(self.inputs)]
         names = [*self._state_names, *dict(sums), *self._reports]
         return trace(self._stage, ports, names), tuple(sources)
@@ -201,42 +204,48 @@ class StepPlan:
         torques: list[Array] = []
         for row in stages(RK4):
             results = self._stage(angles, *state, q, dq, *sums, np.array(row), h, *given)
-            state, sums, reports = results[:2], results[2:4], results[4:]
+            state, sums = results[:2], results[2:4]  # (q, dq) of each
             angles = state[0]
-            torques += reports
-        return (*state, *torques[:1])
+            torques += results[4:]  # none, or the torques at this stage
+        return (*state, *torques[:1])  # the first stage is at the start of the step
 
     def _semi_implicit(self, angles: Array, q: Array, dq: Array, *work_and_inputs: Any) -> tuple[Array, ...]:
         """dq1 by :func:`~twistwrench.mechanics.algorithms.contact.velocity_step`, then q1 = q ⊕ h dq1.
 
         With friction, dq1 is evaluated at the midpoint qm = q ⊕ ½ h dq, and q1 = qm ⊕ ½ h dq1. Works use mean velocities.
         """
-        work, (h, *given) = work_and_inputs[: self.works], work_and_inputs[self.works :]
-        known, plant, inputs = self._models(given)
+        work_count = int(self.works)
+        work = work_and_inputs[:work_count]  # one array, or none
+        h, *given = work_and_inputs[work_count:]
+        law_model, plant, inputs = self._models(given)
         references = [inputs[name] for name in self.law.names]
         if hasattr(self.law, "torques_of_step"):
-            tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *references)
+            tau, gains = self.law.torques_of_step(law_model, angles, q, dq, h, *references)
         else:  # laws of the caller are used unchanged
-            tau, gains = self.law.torques(known, angles, q, dq, *references), None
+            tau, gains = self.law.torques(law_model, angles, q, dq, *references), None
         contact_torques, gaps = self._contact_torques(plant, angles, dq, inputs)
-        middle, start, duration = angles, q, h
+        middle = angles
+        start, duration = q, h  # of the last move, to q1
         if self.friction:
             middle = start = integration.halfway(self.model, q, h * dq, angles)
             duration = 0.5 * h
         if self.works and not self.friction:
             ddq = self._accelerations(plant, angles, dq, _add_contacts(tau, contact_torques), inputs)
-            dq1, mean, friction_torques = dq + h * ddq, dq, zeros(plant.nv)
+            dq1 = dq + h * ddq
+            mean_velocities = dq
+            friction_torques = zeros(plant.nv)
         else:
             dq1, tau, friction_torques = velocity_step(
                 plant, middle, dq, h, tau, gains=gains, limits=inputs.get("torque limits"),
                 friction=self.friction, push=contact_torques, wrenches=self._robot_wrenches(inputs),
             )  # fmt: skip
-            ddq, mean = (dq1 - dq) / h, 0.5 * (dq + dq1)
+            ddq = (dq1 - dq) / h
+            mean_velocities = 0.5 * (dq + dq1)
         q1 = integration.add_at_angles(self.model, start, duration * dq1, middle)
         reported_torques = [tau] * self.returns_torques
         if not self.works:
             return q1, dq1, *reported_torques
-        powers = self._powers(plant, middle, mean, tau, friction_torques, inputs, contact_torques)
+        powers = self._powers(plant, middle, mean_velocities, tau, friction_torques, inputs, contact_torques)
         state = self._with_peak(q1, dq1, work[0] + h * powers)
         return *state, ddq, *gaps, *reported_torques
 
@@ -245,20 +254,21 @@ class StepPlan:
 
         ``states_and_inputs`` are the state, the state at the start of the step, the sums, the row, h and the other inputs.
         """
-        n = len(self.state)
+        n = len(self.state)  # arrays of a state: q, dq and in simulations W
         q, dq = states_and_inputs[:2]
-        start, last_sums = states_and_inputs[n : 2 * n], states_and_inputs[2 * n : 3 * n]
+        start = states_and_inputs[n : 2 * n]
+        last_sums = states_and_inputs[2 * n : 3 * n]
         row, h, *given = states_and_inputs[3 * n :]
         keep_sum, weight, rate_factor, sum_factor, is_last = row
         rates, tau, gaps = self._rates(angles, q, dq, given)
-        sums = [keep_sum * total + weight * rate for total, rate in zip(last_sums, rates, strict=True)]
-        after = [
-            x0 + h * (rate_factor * rate + sum_factor * total)
-            for x0, rate, total in zip(start, rates, sums, strict=True)
+        sums = [keep_sum * last_sum + weight * rate for last_sum, rate in zip(last_sums, rates, strict=True)]
+        next_state = [
+            x0 + h * (rate_factor * rate + sum_factor * rate_sum)
+            for x0, rate, rate_sum in zip(start, rates, sums, strict=True)
         ]
-        q_after = integration.normalise_quaternions(self.model, after[0], is_last)
-        state = self._with_peak(q_after, *after[1:])
-        accelerations = [rates[1]] * self.works
+        next_q = integration.normalise_quaternions(self.model, next_state[0], is_last)
+        state = self._with_peak(next_q, *next_state[1:])
+        accelerations = [rates[1]] * self.works  # ddq is the rate of dq
         return *state, *sums, *accelerations, *gaps, *[tau] * self.returns_torques
 
     def _with_peak(self, q: Array, dq: Array, *work: Array) -> list[Any]:
@@ -274,9 +284,9 @@ class StepPlan:
     def _rates(
         self, angles: Array, q: Array, dq: Array, given: Sequence[Array]
     ) -> tuple[list[Array], Array, tuple[Array, ...]]:
-        """Rates of the state with smoothed dry friction; torques of the law; gaps of contacts in a tuple, empty without."""
-        known, plant, inputs = self._models(given)
-        tau = self.law.torques(known, angles, q, dq, *(inputs[name] for name in self.law.names))
+        """Rates of the state with smoothed dry friction, torques of the law, and gaps of contacts: (gaps,) or ()."""
+        law_model, plant, inputs = self._models(given)
+        tau = self.law.torques(law_model, angles, q, dq, *(inputs[name] for name in self.law.names))
         if self.limited:
             tau = clip_torques(tau, inputs["torque limits"])
         tau_past_friction = tau
@@ -299,11 +309,11 @@ class StepPlan:
         """Model in the control law, model of the plant, and the inputs of the step by name."""
         names = [name for name, _ in self.inputs[1:]]  # without dt
         inputs = dict(zip(names, given, strict=True))
-        known = regrouped(self.model)
-        plant = self.model if moves_joints(self.model, self.parameters) else known
+        law_model = regrouped(self.model)
+        plant = self.model if moves_joints(self.model, self.parameters) else law_model
         if self.parameters:
             plant = with_symbolic_parameters(plant, self.parameters, list(inputs["parameters"]))
-        return known, plant, inputs
+        return law_model, plant, inputs
 
     def _robot_wrenches(self, inputs: dict[str, Array]) -> dict[str, Array] | None:
         """Wrenches that the robot applies, by frame; None without frames."""
@@ -391,8 +401,8 @@ def constants(system: System, plan: StepPlan) -> dict[str, Array]:
     if plan.eases and system.friction is not None:
         values["creep"] = system.friction.creep
     for k, contact in enumerate(plan.contacts):
-        for name, x in contact.numbers.items():
-            values[f"{name} of contact {k}"] = x
+        for name, value in contact.numbers.items():
+            values[f"{name} of contact {k}"] = value
     return values
 
 
@@ -403,12 +413,16 @@ class CompiledSteps:
     """One call can take several steps."""
 
     def __init__(self, system: System, plan: StepPlan, order: int, h: float, kernel: Any, cost: float) -> None:
-        self.system, self.plan, self.order, self.h, self.kernel = system, plan, order, h, kernel
+        self.system, self.plan, self.kernel = system, plan, kernel
+        self.order = order
+        """Order of the method."""
+        self.h = h
+        """Length of a step [s]."""
         self.stages = plan.stages
         """Evaluations of forward dynamics in a step."""
-        steps_by_cost = MAX_OPERATIONS_PER_CALL / (cost * self.stages)
-        steps_by_entries = MAX_ENTRIES_PER_CALL / (system.size + system.nv)
-        self.most = max(1, int(min(steps_by_cost, steps_by_entries)))
+        max_steps_by_cost = MAX_OPERATIONS_PER_CALL / (cost * self.stages)  # cost: operations of a stage
+        max_steps_by_entries = MAX_ENTRIES_PER_CALL / (system.size + system.nv)
+        self.most = max(1, int(min(max_steps_by_cost, max_steps_by_entries)))
         """Largest number of steps in one call."""
         self.names = list(dict(plan.inputs[1:]))
         """Names of the inputs of a step except its length."""
@@ -417,7 +431,7 @@ class CompiledSteps:
         """Slices of a state: coordinates, velocities and works."""
         self.shares = [0.0]
         """Times of the kernel calls of a step, as fractions of the step."""
-        self.table = np.zeros((1, 5))
+        self.table = np.zeros((1, _NUMBERS_PER_STAGE))
         """Rows of :func:`stages`, one for each kernel call of a step."""
         self.laws: list[tuple[str, ControlLaw]] = []
         """Names of inputs of the plan, each with the callback that returns it."""

@@ -28,6 +28,8 @@ MAX_EVENTS_IN_SHORT = 3
 """Largest number of events that the short form of the report lists."""
 MAX_ROWS_IN_SHORT = 8
 """Largest number of rows of a table in the short form."""
+_TURNING_AND_SLIDING = (True, False)
+"""Flags of both kinds of joints, for a heading with the units of both."""
 _DECIMALS = 12
 """Number of decimals of coordinates, velocities and energies; smaller values are rounding errors."""
 
@@ -50,7 +52,7 @@ def simulation_view(result: SimulationResult) -> Iterator[Block]:
 
 
 def _headlines(result: SimulationResult) -> Iterator[Block]:
-    """Verdict on links that come too near, verdict on the motion, and lines on the closest links."""
+    """Verdict on clearances if links come too near; verdict on the motion, or a line without it; lines on the closest links."""
     verdict = simulation_verdict(result)
     clearance = result.clearance
     drift_sentence = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
@@ -72,9 +74,10 @@ def _headlines(result: SimulationResult) -> Iterator[Block]:
 
 def _heading(result: SimulationResult) -> Line:
     """Robot, method, number of states and steps, and whether friction is counted."""
-    rejected_text = friction_text = ""
+    rejected_text = ""
     if result.rejected:
         rejected_text = f", {result.rejected} rejected"
+    friction_text = ""
     if result.simulated is not None:
         friction_text = f"  ·  {friction_words(result.simulated.model, counted=result.friction)}"
     return Line(
@@ -94,13 +97,14 @@ def _unit_factors(result: SimulationResult, mask: Literal["angular", "angular_ve
         return 1.0
     coordinates = Coordinates.from_model(result.simulated.model)
     is_angle = getattr(coordinates, mask)
-    return np.where(is_angle, math.degrees(1.0), 1.0)
+    degrees_per_radian = math.degrees(1.0)
+    return np.where(is_angle, degrees_per_radian, 1.0)
 
 
 def _coordinates(result: SimulationResult) -> Table:
     """First, last, lowest and highest value of each coordinate."""
     q = result.q * _unit_factors(result, "angular")
-    unit = heading_unit("q", (True, False), degrees=result.degrees)
+    unit = heading_unit("q", _TURNING_AND_SLIDING, degrees=result.degrees)
     column = partial(numbers, show=_rounded_text, unit=unit, headed=False)
     return Table(
         f"Coordinates [{unit}]",
@@ -118,7 +122,7 @@ def _velocities(result: SimulationResult) -> Table:
     dq = result.dq * _unit_factors(result, "angular_velocity")
     peak_rows = np.abs(dq).argmax(axis=0)
     fastest = dq[peak_rows, np.arange(len(peak_rows))]
-    unit = heading_unit("dq", (True, False), degrees=result.degrees)
+    unit = heading_unit("dq", _TURNING_AND_SLIDING, degrees=result.degrees)
     column = partial(numbers, show=_rounded_text, unit=unit, headed=False)
     return Table(
         f"Velocities [{unit}]",
@@ -138,12 +142,13 @@ def _energies(result: SimulationResult) -> Table:
         if np.any(work):
             energies[f"work of {name}"] = work
     rows = []  # cells at the start, at the end, and of largest magnitude
-    for x in energies.values():
-        values = x[[0, -1, int(np.abs(x).argmax())]]
+    for energy in energies.values():
+        peak_row = int(np.abs(energy).argmax())
+        values = energy[[0, -1, peak_row]]
         rows.append([Line(_rounded_text(value), value=value) for value in values])
     drift = result.drift
     largest_drift = drift[np.abs(drift).argmax()]
-    rows.append([Line(residual(value), value=value) for value in (0.0, drift[-1], largest_drift)])
+    rows.append([Line(residual(value), value=value) for value in (0.0, drift[-1], largest_drift)])  # from zero on
     start, end, largest = zip(*rows, strict=True)
     column = partial(numbers, unit="J", headed=False)
     names = words("", [*energies, "drift"])

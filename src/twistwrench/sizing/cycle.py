@@ -36,7 +36,7 @@ class Cycle(NamedTuple):
     acceleration: Array
     """Joint acceleration [rad/s²]."""
     carrier: Array
-    """Acceleration of the motor's link about the rotor axis [rad/s²]."""
+    """Acceleration α of the link that carries the motor, about the rotor axis [rad/s²]."""
     inertia: Array
     """Inertia of the joint, its diagonal entry of M [kg m²]."""
     bearing: Mapping[str, Array] = MappingProxyType({})
@@ -48,23 +48,23 @@ class Cycle(NamedTuple):
 
 
 def between(x: Array) -> Array:
-    """Mean value between each two consecutive nodes, (n - 1,)."""
+    """Means (n - 1,) of the values (n,) at consecutive nodes."""
     return np.asarray(0.5 * (x[1:] + x[:-1]))
 
 
 def with_noise(demands: Sequence[Demand], draws: Sequence[Sequence[Demand]]) -> tuple[Demand, ...]:
     """Demands without the mean effect of noise, and with standard deviations.
 
-    Both are estimated from ``draws``, the demands of equally likely motions. By its own noise, the demand of a motion is too
-    large by as much as the mean of the draws exceeds it: the corrected value is value - (mean - value).
+    Both are estimated from ``draws``, the demands of equally likely motions. Noise increases a demand. The difference
+    between the mean of the draws and the demand estimates this increase, so the corrected value is value - (mean - value).
     """
     corrected_demands = []
     for demand in demands:
+        key = (demand.what, demand.limit)
         all_draws = itertools.chain.from_iterable(draws)
-        drawn_values = np.array([
-            drawn.value for drawn in all_draws if (drawn.what, drawn.limit) == (demand.what, demand.limit)
-        ])  # fmt: skip
-        if len(drawn_values) > 1 and np.isfinite([demand.value, *drawn_values]).all():
+        drawn_values = np.array([drawn.value for drawn in all_draws if (drawn.what, drawn.limit) == key])
+        are_finite = np.isfinite([demand.value, *drawn_values]).all()
+        if are_finite and len(drawn_values) > 1:
             mean = float(drawn_values.mean())
             sigma = float(drawn_values.std(ddof=1))
             corrected_demands.append(replace(demand, value=2 * demand.value - mean, sigma=sigma))
@@ -80,7 +80,7 @@ class DrivePart:
     name: str
     demands: tuple[Demand, ...]
     missing: tuple[str, ...]
-    """Names of missing ratings."""
+    """Names of the ratings that the catalogue lacks."""
 
     @property
     def tightest(self) -> Demand:

@@ -1,9 +1,9 @@
 """Linear programmes over friction cones: a revised simplex method for many rows at once, priced from the true cones.
 
-The programme of each row is: largest or least s ≥ 0 with Σ G_i f_i = b + s d and every f_i in its cone. Its columns are the
-edges of the cones: infinitely many for each. The prices y show which edge enters the basis: contact i moves at
-v = G_i' y, and its best edge is n - μ v_t / |v_t|. The cone is therefore not replaced by a pyramid. If no forces balance b,
-the prices of the first phase are the motion of Farkas' lemma: n · v ≥ μ |v_t| at every contact, and y · b < 0.
+Each row seeks the largest or least s ≥ 0 with Σ G_i f_i = b + s d and every f_i in its cone. The columns of this programme are
+the edges of the cones, of which each cone has infinitely many. The prices y show which edge enters the basis: contact i moves
+at v = G_i' y, and its best edge is n - μ v_t / |v_t|. No cone is replaced by a pyramid. If no forces balance b, the prices of
+the first phase are the motion of Farkas' lemma: n · v ≥ μ |v_t| at every contact, and y · b < 0.
 
 Source: Dantzig and Wolfe, Decomposition principle for linear programs, 1960 (column generation); Modern Robotics, section 12.2.
 """
@@ -26,7 +26,7 @@ _MIN_GAIN = 1e-9
 _MAX_ARTIFICIAL_SUM = 1e-7
 """Largest sum of artificial columns, relative to the load, with which the forces of the first phase count as balanced."""
 _MIN_PIVOT = 1e-10
-"""Smallest pivot of a ratio test, the decrease of a basic column for a unit of the entering one."""
+"""Smallest pivot of a ratio test; a pivot is the decrease of a basic column for a unit of the entering column."""
 _MAX_ZERO = 1e-11
 """Largest value of a basic column that counts as zero."""
 _MAX_BELOW_ZERO = 1e-11
@@ -36,7 +36,7 @@ _ARTIFICIAL_COST = 1e3
 _CONVERGED_RESIDUAL = 1e-12
 """Unbalanced load, relative to the load, at which Newton steps end."""
 _MAX_RESIDUAL = 1e-9
-"""Largest unbalanced load of forces of least norm, relative to the load, if further steps do not reduce it."""
+"""Unbalanced load, relative to the load, up to which forces of least norm count as found."""
 _DAMPING = 1e-3
 """Damping of Newton steps, relative to the unbalanced load. Without it, the slope is singular if all contacts leave the
 cones."""
@@ -83,7 +83,7 @@ class ForceBounds:
     maps: Array
     """(N, k, c, 3): H_i of each row."""
     most: Array
-    """(N, k): bounds h without growth."""
+    """(N, k): bounds h at s = 0."""
     rate: Array
     """(N, k): growth r of the bounds for a unit of s; zero for bounds that do not grow."""
 
@@ -149,14 +149,14 @@ def cone_programme(
     optima = []
     for start in range(0, max(N, 1), _ROWS_PER_BATCH):  # an empty batch too, for arrays of the right shapes
         rows = slice(start, start + _ROWS_PER_BATCH)
-        batch_sense = sense if grows else None
+        batch_sense = sense if grows else None  # None: the first phase alone
         simplex = _Simplex(cones.of(rows), maps[rows], b[rows], d[rows], bounds.of(rows), active[rows], batch_sense)
         optima.append(simplex.solve())
 
-    def join_batches(name: str) -> Array:
-        return np.concatenate([getattr(optimum, name) for optimum in optima])
-
-    return ConeOptimum(*(join_batches(field.name) for field in fields(ConeOptimum)))
+    arrays = {}
+    for field in fields(ConeOptimum):
+        arrays[field.name] = np.concatenate([getattr(optimum, field.name) for optimum in optima])
+    return ConeOptimum(**arrays)
 
 
 def no_bounds(rows: int, contacts: int) -> ForceBounds:
@@ -191,7 +191,8 @@ class _Simplex:
         self.equation_count = m
         """Number of equations of balance, before those of bounds."""
         self.G = np.concatenate([maps, bounds.maps], axis=1)
-        largest_load = np.abs(b if m else bounds.most).max(axis=1, initial=0.0)
+        load = b if m else bounds.most  # without equations, bounds give the scale
+        largest_load = np.abs(load).max(axis=1, initial=0.0)
         largest_growth = np.abs(d).max(axis=1, initial=0.0)
         size = np.maximum(largest_load, _MIN_LOAD_OF_GROWTH * largest_growth)
         self.size = np.where(size > 0, size, 1.0)[:, None]
@@ -202,9 +203,10 @@ class _Simplex:
         self.largest_growth = np.where(scaled_growth > 0, scaled_growth, 1.0)
         """(N,): largest growth of the scaled load; 1 without growth."""
         self.slack_columns = np.eye(m + k)[m:]
+        """(k, m + k): column of each bound's slack."""
         self.basis = np.zeros((N, m + k, m + k))
         diagonal = range(m + k)
-        self.basis[:, diagonal, diagonal] = np.where(self.b < 0, -1.0, 1.0)  # columns with values at least zero
+        self.basis[:, diagonal, diagonal] = np.where(self.b < 0, -1.0, 1.0)  # so that their values x are at least zero
         self.x = np.abs(self.b)
         """(N, m + k): values of the columns in the basis."""
         self.artificial = -1
@@ -227,7 +229,7 @@ class _Simplex:
         is_unbounded = np.zeros(len(self.b), bool)
         if self.sense:
             is_unbounded = self._improve(np.flatnonzero(is_feasible & self.settled), phase=2)
-        s = np.where(self.kind == self.growth, self.x, 0.0).sum(axis=1)
+        s = np.where(self.kind == self.growth, self.x, 0.0).sum(axis=1)  # at most one column is the growth
         s = np.where(is_unbounded, np.inf, s)
         s = np.where(is_feasible, s, np.nan)
         prices = self.prices[:, : self.equation_count]
@@ -253,17 +255,20 @@ class _Simplex:
         for _ in range(_MAX_EXCHANGES):
             if not len(rows):
                 return is_unbounded
-            is_regular = np.abs(np.linalg.det(self.basis[rows])) > 0.0
+            determinants = np.linalg.det(self.basis[rows])
+            is_regular = np.abs(determinants) > 0.0  # False for NaN too
             self.settled[rows[~is_regular]] = False
             rows = rows[is_regular]
             inverse = np.linalg.inv(self.basis[rows])
             self.x[rows] = (inverse @ self.b[rows][..., None])[..., 0]
-            y = (self._costs(rows, phase)[:, None, :] @ inverse)[:, 0]
+            costs = self._costs(rows, phase)
+            y = (costs[:, None, :] @ inverse)[:, 0]
             self.prices[rows] = y
             gain, direction = self._gains(rows, y, phase)
             column = gain.argmax(axis=1)
-            pays = gain.max(axis=1) > _MIN_GAIN * (1.0 + np.abs(y).max(axis=1))
-            rows, column, inverse, direction = rows[pays], column[pays], inverse[pays], direction[pays]
+            improves = gain.max(axis=1) > _MIN_GAIN * (1.0 + np.abs(y).max(axis=1))
+            rows, column = rows[improves], column[improves]
+            inverse, direction = inverse[improves], direction[improves]
             entering, edge = self._entering_columns(rows, column, direction)
             decrease = (inverse @ entering[..., None])[..., 0]
             leaving, is_bounded = self._leaving_columns(rows, decrease, phase)
@@ -297,11 +302,13 @@ class _Simplex:
         sliding_speed = np.linalg.norm(v_t, axis=-1)
         edge_gains = np.where(self.active[rows], friction * sliding_speed - v_n, -np.inf)
         growth_gain = (self._growth_cost(phase) + (y * self.d[rows]).sum(axis=-1)) / self.largest_growth[rows]
-        if not self.sense or (phase == 1 and self.sense == "most"):  # growth does not enter: s stays 0
+        is_first_of_most = phase == 1 and self.sense == "most"
+        if not self.sense or is_first_of_most:  # growth does not enter: s stays 0
             growth_gain = np.full(len(rows), -np.inf)
         slack_gains = -y @ self.slack_columns.T
         gains = np.concatenate([edge_gains, growth_gain[:, None], slack_gains], axis=1)
-        return gains, v_t / np.maximum(sliding_speed, _MIN_SPEED)[..., None]
+        directions = v_t / np.maximum(sliding_speed, _MIN_SPEED)[..., None]
+        return gains, directions
 
     def _entering_columns(self, rows: Array, column: Array, direction: Array) -> tuple[Array, Array]:
         """Entering columns (rows, m + k), and their edge forces (rows, 3), zero for columns that are not edges."""
@@ -327,8 +334,10 @@ class _Simplex:
         columns at zero leave at once.
         """
         x = self.x[rows]
-        leaves_at_once = (self.kind[rows] == self.artificial) & (x <= _MAX_ZERO) & (np.abs(decrease) > _MIN_GAIN)
-        leaves_at_once &= phase == 2
+        leaves_at_once = np.zeros(x.shape, bool)
+        if phase == 2:
+            is_artificial = self.kind[rows] == self.artificial
+            leaves_at_once = is_artificial & (x <= _MAX_ZERO) & (np.abs(decrease) > _MIN_GAIN)
         falls = decrease > _MIN_PIVOT
         divisor = np.where(falls, decrease, 1.0)
         ratio = np.where(falls, np.maximum(x, 0.0) / divisor, np.inf)
@@ -364,9 +373,11 @@ def least_norm_in_cones(
     row_norms[:, :m] = 1.0  # equations are not scaled
     row_norms = np.where(row_norms > 0, row_norms, 1.0)
     A = A / row_norms
-    size = np.abs(b if m else bounds.most).max(axis=1, initial=0.0, keepdims=True)
+    load = b if m else bounds.most  # without equations, bounds give the scale
+    size = np.abs(load).max(axis=1, initial=0.0, keepdims=True)
     size = np.where(size > 0, size, 1.0)
-    target = np.concatenate([b, -bounds.most / row_norms[:, m:, 0]], axis=1) / size
+    scaled_bounds = bounds.most / row_norms[:, m:, 0]
+    target = np.concatenate([b, -scaled_bounds], axis=1) / size
     is_bound = np.arange(A.shape[1]) >= m  # the price of a bound is at least zero
     y = np.zeros(target.shape)
     G = A[:, :m]
@@ -385,13 +396,14 @@ def least_norm_in_cones(
         error = np.abs(residual).max(axis=1, initial=0.0)
         is_solved[rows] = error <= _MAX_RESIDUAL
         goes_on = error > _CONVERGED_RESIDUAL
-        rows, residual, slope, is_slack = rows[goes_on], residual[goes_on], slope[goes_on], is_slack[goes_on]
-        error = error[goes_on]
+        rows, error = rows[goes_on], error[goes_on]
         if not len(rows):
             break
+        residual, slope, is_slack = residual[goes_on], slope[goes_on], is_slack[goes_on]
         A_by_contact = A[rows].reshape(len(rows), -1, c, 3)
         H = np.einsum("nmci,ncij,nkcj->nmk", A_by_contact, slope, A_by_contact)
-        H = np.where(is_slack[:, :, None] | is_slack[:, None, :], 0.0, H)
+        is_slack_entry = is_slack[:, :, None] | is_slack[:, None, :]
+        H = np.where(is_slack_entry, 0.0, H)  # prices of slack bounds stay zero
         relative_damping = np.maximum(_DAMPING * np.minimum(error, 1.0), _MIN_DAMPING)
         damping = relative_damping * (1.0 + np.trace(H, axis1=1, axis2=2))
         H += damping[:, None, None] * np.eye(H.shape[1])
@@ -411,15 +423,15 @@ def _line_search(cones: Cones, A: Array, b: Array, y: Array, step: Array, gradie
     share = np.ones((len(y), 1))
     dual_at_start = dual(y)
     for _ in range(_MAX_HALVINGS):
-        after = y + share * step
-        after = np.where(is_bound, np.maximum(after, 0.0), after)
-        linear_rise = (gradient * (after - y)).sum(axis=1)
+        next_y = y + share * step
+        next_y = np.where(is_bound, np.maximum(next_y, 0.0), next_y)
+        linear_rise = (gradient * (next_y - y)).sum(axis=1)
         rounding = _DUAL_ROUNDING * (1.0 + np.abs(dual_at_start))
-        rises_too_little = dual(after) < dual_at_start + _MIN_RISE * linear_rise - rounding
+        rises_too_little = dual(next_y) < dual_at_start + _MIN_RISE * linear_rise - rounding
         if not rises_too_little.any():
             break
         share[rises_too_little] *= 0.5
-    return after
+    return next_y
 
 
 def _projection(cones: Cones, f: Array) -> tuple[Array, Array]:
@@ -431,9 +443,9 @@ def _projection(cones: Cones, f: Array) -> tuple[Array, Array]:
     f_n = (f * n).sum(axis=-1)
     f_t = f - f_n[..., None] * n
     tangential_size = np.linalg.norm(f_t, axis=-1)
-    is_inside = ((tangential_size <= friction * f_n) & (f_n >= 0))[
-        ..., None
-    ]  # f_n, as without friction both sides are zero
+    # Without friction both sides of the first test are zero, so f_n is tested too.
+    is_inside = (tangential_size <= friction * f_n) & (f_n >= 0)
+    is_inside = is_inside[..., None]
     is_polar = (f_n <= -friction * tangential_size)[..., None]
     divisor = np.maximum(tangential_size, _MIN_FORCE)
     u = f_t / divisor[..., None]

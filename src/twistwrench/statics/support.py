@@ -54,9 +54,9 @@ class Support:
     slowest: Array
     """(n,): least factor of the speed; above 0 for motions that balance by their momentum; NaN if none holds."""
     payload: Array
-    """(n,): mass that can be added [kg]; if negative, mass that is too much; NaN without a frame of the payload."""
+    """(n,): mass that can be added [kg], negative if mass must be removed; NaN without a frame of the payload."""
     friction: Array
-    """(n,): least coefficient of friction that holds, the largest of all contacts; inf if friction does not suffice."""
+    """(n,): least coefficient of friction that holds, at the contact that needs most; inf if no friction suffices."""
     zmp: Array
     """(n, 2): zero moment point in the plane of the contacts [m]; NaN without one plane."""
     zmp_margin: Array
@@ -89,9 +89,11 @@ class Support:
             return f"undecided at {undecided_count} of {len(self.holds)} rows"
         max_speed = float(self.speed[self.worst])  # factor of the speed
         if not self.holds.all():
-            first_failure = int(np.argmin(self.holds))
-            margin = "" if np.isnan(max_speed) else f"; it holds up to {number(max_speed, 3)} × this speed"
-            return f"{self.how[first_failure]} at row {first_failure} of {len(self.holds)}{margin}"
+            first_failure = int(np.argmin(self.holds))  # argmin: the first False
+            margin_text = ""
+            if not np.isnan(max_speed):
+                margin_text = f"; it holds up to {number(max_speed, 3)} × this speed"
+            return f"{self.how[first_failure]} at row {first_failure} of {len(self.holds)}{margin_text}"
         needed_friction = float(self.friction.max(initial=0.0))
         additional_mass = float(self.payload.min(initial=np.inf))
         text = "holds without friction"
@@ -161,7 +163,8 @@ def support(
     (['holds'], [0.204], [1.566])
     """
     refuse_loops(robot, "support")
-    refuse_couplings(require_robot(robot, "support").model, "support")
+    robot = require_robot(robot, "support")
+    refuse_couplings(robot.model, "support")
     contacts = contacts_of(contacts)
     is_base = floating_entries(robot)  # mask (nv,) of the velocities of the free base
     if not is_base.any():
@@ -177,7 +180,8 @@ def support(
         robot_with_kilogram = robot.with_payload(SpatialInertia.from_com(1.0, payload_com), payload_frame)
         tau_with_kilogram = _torques(robot_with_kilogram, q, dq, ddq, wrench_on_robot)
         load_per_kilogram = (tau_with_kilogram - tau)[:, is_base]
-    turns = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)
+    screw_axes = np.concatenate([body.joint.axes for body in robot.model.leaders])  # (nv, 6)
+    turns = screw_axes[:, :3].any(axis=1)
     balance = Balance(
         contacts,
         maps[:, is_base],
@@ -198,7 +202,8 @@ def support(
     torques = tau - np.einsum("nvck,nck->nv", maps, solution.forces)
     torques[:, is_base] = 0.0
     torques[~solution.holds] = np.nan
-    zmp, zmp_margin = zero_moment_point(balance, points, _wrench_at_base(robot, q, tau))
+    wrench = _wrench_at_base(robot, q, tau)
+    zmp, zmp_margin = zero_moment_point(balance, points, wrench)
     return _support_of_solution(solution, balance, torques, motion, zmp, zmp_margin)
 
 
@@ -253,13 +258,16 @@ def hold(
     is_moment = np.arange(6) < 3
     balance = Balance(contacts, maps, -F, rest_load, load_per_kilogram, is_moment, None)
     solution = balance.solve()
-    zmp, zmp_margin = zero_moment_point(balance, np.broadcast_to(points, (len(F), *points.shape)), -F)
-    return _support_of_solution(solution, balance, np.zeros((len(F), 0)), solution.motion, zmp, zmp_margin)
+    points_of_rows = np.broadcast_to(points, (len(F), *points.shape))
+    zmp, zmp_margin = zero_moment_point(balance, points_of_rows, -F)
+    no_torques = np.zeros((len(F), 0))
+    return _support_of_solution(solution, balance, no_torques, solution.motion, zmp, zmp_margin)
 
 
 def _wrench_maps(points: Array) -> Array:
     """Maps (6, c, 3) from forces at points (c, 3) to wrenches (p × f, f) about the origin."""
-    return np.stack([np.vstack([so3.hat(p), np.eye(3)]) for p in points], axis=1)
+    maps = [np.vstack([so3.hat(p), np.eye(3)]) for p in points]  # (6, 3) each
+    return np.stack(maps, axis=1)
 
 
 def _balancing_load(F: Array, wrench: ArrayLike | None, name: str) -> Array | None:
@@ -279,7 +287,7 @@ def _state_rows(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tu
     for name, values, width in (("q", q, robot.nq), ("dq", dq, robot.nv), ("ddq", ddq, robot.nv)):
         finite_values = arguments.finite(values, f"support: {name}", width)
         arrays.append(np.atleast_2d(np.asarray(finite_values, float)))
-    row_counts = {len(array) for array in arrays} - {1}
+    row_counts = {len(array) for array in arrays} - {1}  # a single row fits any number
     if len(row_counts) > 1 or any(array.ndim != 2 for array in arrays):
         q_shape, dq_shape, ddq_shape = (array.shape for array in arrays)
         raise ShapeError(
@@ -299,9 +307,11 @@ def _torques(robot: Robot, q: Array, dq: Array, ddq: Array, wrench_on_robot: Map
 def _wrench_at_base(robot: Robot, q: Array, tau: Array) -> Array | None:
     """Wrench (n, 6) that contacts exert on a floating root, about the base origin; None for other roots."""
     undriven_bodies = [body for body in robot.model.leaders if not body.joint.driven]
-    if len(undriven_bodies) != 1 or undriven_bodies[0].joint.nv != 6:
+    if len(undriven_bodies) != 1:
         return None
     root = undriven_bodies[0]
+    if root.joint.nv != 6:
+        return None
     T = np.asarray(robot.forward_kinematics(q, root.link))
     R, p = T[:, :3, :3], T[:, :3, 3]
     _, velocities = root.places
@@ -358,11 +368,11 @@ def force_shares(wrenches: ArrayLike, contacts: Sequence[Contact]) -> Array:
     units = np.r_[np.full(3, length), np.ones(3)]  # moments are divided by a length, so that all rows count alike
     maps = _wrench_maps(points) / units[:, None, None]
     cones, bounds = cones_of(contacts, n)
-    bounds_by_factor = replace(
-        bounds, most=np.zeros_like(bounds.most), rate=bounds.most
-    )  # proportional to the factor s
+    # Bounds are proportional to the factor s, and zero at s = 0.
+    bounds_by_factor = replace(bounds, most=np.zeros_like(bounds.most), rate=bounds.most)
     preloads = np.array([c.pull for c in contacts])
-    pulls = np.einsum("mck,ck->m", maps, preloads[:, None] * cones.normals)
+    preload_forces = preloads[:, None] * cones.normals
+    pulls = np.einsum("mck,ck->m", maps, preload_forces)
     optimum = cone_programme(
         cones,
         np.broadcast_to(maps, (n, *maps.shape)),

@@ -20,8 +20,11 @@ class Variable:
     """Variable of differentiation: symbols of a coordinate, its rate and acceleration."""
 
     name: str
+    """Symbol of the coordinate."""
     rate: str
+    """Symbol of its rate."""
     acceleration: str
+    """Symbol of its second derivative."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Coordinate:
 
 
 def rate_symbol(name: str, mark: str = "dot") -> str:
-    """Symbol of a rate, theta_1 → thetadot_1, x → xdot, or of another derivative by its ``mark``.
+    """Symbol of a derivative: of the rate, theta_1 → thetadot_1, x → xdot, or with another ``mark``, as ddot.
 
     >>> rate_symbol("theta_1"), rate_symbol("x", "ddot")
     ('thetadot_1', 'xddot')
@@ -72,15 +75,16 @@ def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
     for number, body in enumerate(model.leaders, 1):
         for entry in body.joint.chart:
             unit = "rad" if entry.angle else "m"
-            meaning = f"{entry.meaning.format(body.joint.name)} [{unit}]"
-            coordinates.append(Coordinate(f"{entry.letter}_{number}", entry.angle, meaning))
+            noun = entry.meaning.format(body.joint.name)
+            symbol = f"{entry.letter}_{number}"
+            coordinates.append(Coordinate(symbol, entry.angle, f"{noun} [{unit}]"))
     return tuple(coordinates)
 
 
 def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Array, Array, Array]:
-    """The robot's q (nq,), dq and ddq (nv,) of a state in these coordinates, and N (nv, nv) with dq = N du.
+    """State q (nq,), dq and ddq (nv,) of the robot from coordinates u, du and ddu (nv,), and N (nv, nv) with dq = N du.
 
-    The state is u, du and ddu, (nv,) each. Torques in the coordinates u are N' tau.
+    Torques in the coordinates u are N' tau.
     """
     q = model.neutral
     dq = np.zeros(model.nv)
@@ -89,7 +93,8 @@ def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Arra
     for body in model.leaders:
         q_slice, v_slice = body.places
         du_joint, ddu_joint = du[v_slice], ddu[v_slice]
-        q[q_slice], B, dB = body.joint.from_chart(u[v_slice], du_joint)
+        q_joint, B, dB = body.joint.from_chart(u[v_slice], du_joint)
+        q[q_slice] = q_joint
         N[v_slice, v_slice] = B
         dq[v_slice] = B @ du_joint
         ddq[v_slice] = B @ ddu_joint + dB @ du_joint

@@ -1,6 +1,6 @@
 """Lagrange's equations written out: kinematics, and energies as sums of products.
 
-Kinematics works with any arithmetic: sums of products in :mod:`.trig_polynomial`, SymPy expressions, floats.
+The functions for kinematics work with any arithmetic: sums of products in :mod:`.trig_polynomial`, SymPy expressions, floats.
 
 The recursive algorithms are not used. Positions follow from the joints' placements and axes, and velocities are derivatives of
 positions. The kinetic energy is K = Σ ½ m v'v + ½ ω'I ω; the equations are derivatives of energies, as in Modern Robotics
@@ -49,10 +49,12 @@ def joint_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tu
     """Pose of a body's frame in its parent's frame, R (3, 3) and p (3,); MR eq. 3.51 and 3.88."""
     R_placement = exact(body.placement[:3, :3])
     p_placement = numbers_of(arithmetic, entries.place)
-    joint, first_coordinate = body.joint, body.v_index
+    joint = body.joint
+    first_coordinate = body.v_index
     if not joint.moves_body:
         no_motion = (Entry(0.0),) * 3
-        R, p = exact(np.eye(3)), numbers_of(arithmetic, no_motion)
+        R = exact(np.eye(3))
+        p = numbers_of(arithmetic, no_motion)
     elif joint.nv == 1:
         R, p = _screw_motion(arithmetic, body, entries)
     else:
@@ -63,7 +65,7 @@ def joint_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tu
 
 def chart_waves(arithmetic: Arithmetic, body: Body) -> CosineSine:
     """Function that returns cosine and sine of an entry of a joint's chart."""
-    return lambda k: arithmetic.cosine_sine(body.v_index + k, 1.0, 0.0)
+    return lambda k: arithmetic.cosine_sine(body.v_index + k, rate=1.0, offset=0.0)
 
 
 def _screw_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
@@ -77,10 +79,12 @@ def _screw_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> t
     if rate == 0.0:
         return exact(np.eye(3)), exact(v) * x
     w = w / rate
-    R = exact_rodrigues(w, *arithmetic.cosine_sine(k, rate * body.ratio, rate * body.offset))
+    cosine, sine = arithmetic.cosine_sine(k, rate * body.ratio, rate * body.offset)
+    R = exact_rodrigues(w, cosine, sine)
     point = numbers_of(arithmetic, entries.point)
     pitch = arithmetic.number(entries.pitch)
-    return R, point - R @ point + exact(w) * (pitch * (exact(rate) * x))
+    distance = pitch * (exact(rate) * x)
+    return R, point - R @ point + exact(w) * distance
 
 
 _MAX_ROUNDING = 1e-15
@@ -100,7 +104,7 @@ class SymbolicMotion:
     velocities: tuple[Array, ...]
     """Velocities of the centres of mass in the base frame."""
     turning: tuple[Array, ...]
-    """Angular velocities in body axes."""
+    """Angular velocities of the bodies in their own axes [rad/s]."""
 
     def products(self, inertias: Iterable[tuple[Entries, ...]]) -> int:
         """Number of products of two terms in the kinetic energy; ``inertias`` are the tensors (3, 3) of the bodies."""
@@ -189,7 +193,9 @@ def motion_of(
             R, p = R_parent @ R, p_parent + R_parent @ p
         poses.append((R, p))
         centre = p + R @ numbers_of(arithmetic, body_entries.com)
-        if _max_terms(centre, ring) > max_position_terms or _max_terms(R.flat, ring) > max_rotation_terms:
+        if _max_terms(centre, ring) > max_position_terms:
+            return None
+        if _max_terms(R.flat, ring) > max_rotation_terms:
             return None
         R = _sums(R, zero)
         rotor_velocity = [zero] * 3
@@ -198,13 +204,15 @@ def motion_of(
             for axis, component in enumerate(body.joint.axes[0, :3]):
                 rotor_velocity[axis] = float(component) * arithmetic.number(body_entries.ratio) * rate
         W = rates_of(R)
-        if W.any():
+        if W.any():  # the body rotates
             W = R.T @ W  # [ω_b] = R'Ṙ, MR eq. 3.33
-        omega = np.array([W[2, 1], W[0, 2], W[1, 0]], object) + np.array(rotor_velocity, object)
+        omega_of_frame = np.array([W[2, 1], W[0, 2], W[1, 0]], object)
+        omega = omega_of_frame + np.array(rotor_velocity, object)
         position = _sums(centre, zero)
         positions.append(position)
         velocities.append(rates_of(position))
-        angular_velocities.append(np.array([component.without_dust(_ROUNDING_SHARE) for component in omega], object))
+        components = [component.without_dust(_ROUNDING_SHARE) for component in omega]
+        angular_velocities.append(np.array(components, object))
     return SymbolicMotion(tuple(positions), tuple(velocities), tuple(angular_velocities))
 
 
@@ -216,7 +224,8 @@ def _sums(array: Array, zero: TrigPolynomial) -> Array:
 
 def _max_terms(entries: Iterable[Any], ring: Ring) -> int:
     """Number of terms of the longest entry."""
-    return max(len(ring.number(0.0) + entry) for entry in entries)
+    zero = ring.number(0.0)  # makes a sum of an entry that is a number
+    return max(len(zero + entry) for entry in entries)
 
 
 def _rate(x: TrigPolynomial, coordinates: tuple[Coordinate, ...], ring: Ring) -> TrigPolynomial:
@@ -266,7 +275,7 @@ def energies(
 
 
 def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) -> Array:
-    """Integers (n, n): row j has the signs of the sum θ_j ± θ_i ± … along the chain of parallel axes that ends with joint j."""
+    """Coefficients (n, n) of sums of angles: row j is θ_j ± θ_i ± … along the chain of parallel axes that ends with joint j."""
     sums = np.eye(len(ring.angles), dtype=int)
     for body in model.bodies:
         if body.parent == BASE or not _has_own_angle(body):
@@ -276,7 +285,8 @@ def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) 
             continue
         axis_in_parent = body.placement[:3, :3] @ body.joint.axes[0, :3]
         cosine = float(axis_in_parent @ parent.joint.axes[0, :3])
-        if abs(abs(cosine) - 1.0) < _MAX_MISALIGNMENT:  # parallel or opposite
+        is_parallel_or_opposite = abs(abs(cosine) - 1.0) < _MAX_MISALIGNMENT
+        if is_parallel_or_opposite:
             j = ring.angles.index(coordinates[body.v_index].name)
             i = ring.angles.index(coordinates[parent.v_index].name)
             sums[j] += int(np.sign(cosine)) * sums[i]
@@ -333,6 +343,6 @@ class Terms:
     def gravity_forces(self) -> Array:
         """g_i = -∂L₀/∂q_i, where L₀ are the terms of L without rates; ∂P/∂q_i if all terms of K have rates."""
         names, rates, _ = variable_names(self.coordinates)
-        terms_by_rates = (self.kinetic - self.potential).split(rates)
+        terms_by_rates = (self.kinetic - self.potential).split(rates)  # by monomial of the rates; 0 is the monomial 1
         without_rates = terms_by_rates.get(0, self.zero)
         return np.array([-without_rates.diff(name) for name in names], object)

@@ -52,9 +52,9 @@ def time_of(value: Any, moving: tuple[Any, ...]) -> Any:
 
 
 def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any) -> None:
-    """Raise ValueRangeError for an L without kinetic energy, and for functions or symbols in L that must be an error.
+    """Raise ValueRangeError for an L without kinetic energy, with functions, or with symbols that are surely mistaken.
 
-    Such symbols look like unlisted rates or like time, or have the name of another listed symbol.
+    Mistaken symbols look like unlisted rates or like time, or have the name of a listed symbol but other assumptions.
     """
     functions = L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative)
     if functions:
@@ -67,11 +67,11 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
         listed_symbols[time.name] = time
     namesakes: set[Any] = set()
     unlisted_rates: set[Any] = set()
-    times: set[Any] = set()
+    times: set[Any] = set()  # symbols named t
     for symbol in L.free_symbols - set(listed_symbols.values()):
         if symbol.name in listed_symbols:
             namesakes.add(symbol)
-        # By the naming rule (xdot, thetaddot_1) or a common other one (theta_1dot, x_dot).
+        # Rates by the naming rule (xdot, thetaddot_1), or with "dot" at the end (theta_1dot, x_dot).
         if re.fullmatch(r"[^_]+dot(_.*)?|.+dot", symbol.name, flags=re.DOTALL):
             unlisted_rates.add(symbol)
         if symbol.name == "t":
@@ -92,14 +92,15 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
             f"L contains {_symbols_text(times)}. If it is the time, pass time=t; if it is a constant, give it another name."
         )
     if not L.free_symbols & set(dq):
+        rate_names = ", ".join(map(str, dq))
         raise ValueRangeError(
-            f"L does not depend on {', '.join(map(str, dq))}, so there is no kinetic energy. Name the rates so, or give "
+            f"L does not depend on {rate_names}, so there is no kinetic energy. Name the rates so, or give "
             "them: lagrange(L, q, rates=[…])."
         )
 
 
 def _symbols_text(symbols: Any) -> str:
-    """Names in alphabetical order."""
+    """Names of symbols in alphabetical order, separated by commas."""
     return ", ".join(sorted(map(str, symbols)))
 
 
@@ -146,11 +147,11 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     velocities = _rates(rates, coordinates, L)
     time_symbol = time_of(time, (*coordinates, *velocities))
     check_lagrangian(L, coordinates, velocities, time_symbol)
-    if time_symbol not in L.free_symbols:
+    if time_symbol not in L.free_symbols:  # L does not depend on time
         time_symbol = None
     acceleration_names = [rate_symbol(coordinate.name, "ddot") for coordinate in coordinates]
     accelerations = tuple(map(sympy.Symbol, acceleration_names))
-    sum_of_products = None
+    sum_of_products = None  # terms and expressions of L, if it has this form
     if time_symbol is None:
         sum_of_products = _read_sum_of_products(L, coordinates, velocities, accelerations)
     if sum_of_products is None:
@@ -168,12 +169,14 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
 
 
 def _expression(L: Any) -> Any:
-    """L as a SymPy expression; raises ShapeError for other input, also for strings, which SymPy would run as Python."""
-    if not isinstance(L, bool) and isinstance(L, Real):
+    """L as a SymPy expression; raises ShapeError for other input. Strings are refused: SymPy would run them as Python."""
+    is_number = isinstance(L, Real) and not isinstance(L, bool)
+    if is_number:
         return sympy.sympify(L)
     if not isinstance(L, sympy.Expr) or L.is_Matrix:
+        shortened = str(L)[:80]
         raise ShapeError(
-            f"a Lagrangian is one SymPy expression, got {type(L).__name__} {str(L)[:80]!r}. "
+            f"a Lagrangian is one SymPy expression, got {type(L).__name__} {shortened!r}. "
             "Make it of sympy.symbols; give K - P of an equation, and the single entry of a matrix."
         )
     return L
@@ -189,9 +192,10 @@ def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
             velocities.append(symbols_by_name.get(name, sympy.Symbol(name)))
         return tuple(velocities)
     symbols = symbols_of(rates, "rates")
-    if len(symbols) != len(coordinates) or set(symbols) & set(coordinates):
-        listed = ", ".join(map(str, coordinates))
-        raise ShapeError(f"rates={rates!r}: one symbol for each of {listed}, and none of these.")
+    has_coordinates = bool(set(symbols) & set(coordinates))
+    if len(symbols) != len(coordinates) or has_coordinates:
+        coordinate_names = ", ".join(map(str, coordinates))
+        raise ShapeError(f"rates={rates!r}: one symbol for each of {coordinate_names}, and none of these.")
     return symbols
 
 
@@ -200,9 +204,9 @@ def _read_sum_of_products(
 ) -> tuple[Terms, Mapping[str, Any]] | None:
     """L as a sum of products, and the SymPy expression of each symbol of its ring by name; None if L has another form."""
     atoms: dict[Any, str] = {symbol: symbol.name for symbol in (*q, *dq, *ddq)}
-    has_form = _collect_atoms(L, {*q, *dq}, atoms)
+    is_polynomial = _collect_atoms(L, {*q, *dq}, atoms)
     have_different_names = len(set(atoms.values())) == len(atoms)
-    if not has_form or not have_different_names:
+    if not (is_polynomial and have_different_names):
         return None
     if _max_exponent(L, atoms) > HIGHEST - _EXPONENT_INCREASE:
         return None
@@ -212,12 +216,12 @@ def _read_sum_of_products(
         total = _polynomial(L, ring, atoms, q)
     except sympy.PolynomialError:
         return None
-    coordinates = tuple(map(Variable, names, rates, accelerations))
-    terms = Terms(ring, coordinates, total, ring.number(0))
     for monomial in total.split(rates):
         degree_in_rates = sum(ring.exponents(monomial).values())
-        if degree_in_rates > 2:
+        if degree_in_rates > 2:  # not a kinetic energy
             return None
+    coordinates = tuple(map(Variable, names, rates, accelerations))
+    terms = Terms(ring, coordinates, total, ring.number(0))  # all of L in the kinetic part, zero as the potential
     expressions = {symbol: expr for expr, symbol in atoms.items()}
     return terms, expressions
 
@@ -246,8 +250,6 @@ def _collect_atoms(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
 
 _MAX_POWER = 7
 """Largest exponent that is multiplied out."""
-
-
 _EXPONENT_INCREASE = 4
 """Upper bound of the increase of exponents by Lagrange's equations: c multiplies by two rates, d/dt ∂L/∂q̇ by one."""
 
@@ -265,9 +267,10 @@ def _max_exponent(expr: Any, atoms: Mapping[Any, str]) -> int:
 
 
 def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]) -> TrigPolynomial:
-    """L as a sum of products. Raises SymPy's PolynomialError for angles that are not multiples of coordinates."""
+    """L as a sum of products. Raises SymPy's PolynomialError for an angle that is not a sum of multiples of coordinates."""
 
     def read(expr: Any) -> TrigPolynomial:
+        """Polynomial of a subexpression of L."""
         if expr.is_Rational:
             return ring.number(Fraction(int(expr.p), int(expr.q)))
         if expr in atoms:
@@ -277,10 +280,12 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
         if expr.is_Mul:
             return math.prod(map(read, expr.args), start=ring.number(1))
         if expr.is_Pow:
-            return math.prod([read(expr.base)] * int(expr.exp), start=ring.number(1))
+            factors = [read(expr.base)] * int(expr.exp)
+            return math.prod(factors, start=ring.number(1))
         return read_sine_or_cosine(expr)
 
     def read_sine_or_cosine(expr: Any) -> TrigPolynomial:
+        """Polynomial of sin(…) or cos(…), whose angle is a sum of multiples of coordinates."""
         (angle,) = expr.args
         multiples = [sympy.Poly(angle, *q).coeff_monomial(coordinate) for coordinate in q]
         remainder = sympy.expand(angle - weighted_sum(multiples, q))
@@ -299,6 +304,7 @@ def _differentiate(
     matrix = sympy.ImmutableMatrix
     momenta = list(map(L.diff, dq))  # ∂L/∂q̇
     slopes = list(map(L.diff, q))  # ∂L/∂q
+    zero_rates = dict.fromkeys(dq, 0)
     M = matrix(n, n, lambda i, j: sympy.expand(momenta[i].diff(dq[j])))
     if M.free_symbols & set(dq):
         raise ValueRangeError(
@@ -306,9 +312,9 @@ def _differentiate(
             "Use kinetic energies ½ q̇'M q̇."
         )
     momentum_rates = []
-    explicit_time = []  # label and expression of each ∂/∂t of a momentum that is not zero
+    explicit_time = []  # label and expression of the ∂/∂t of each momentum that depends on time
     for momentum, rate in zip(momenta, dq, strict=True):
-        chain_rule = []
+        chain_rule = []  # terms of the momentum's rate
         for x, v, a in zip(q, dq, ddq, strict=True):
             chain_rule.append(momentum.diff(x) * v + momentum.diff(v) * a)
         explicit_rate = sympy.Integer(0)
@@ -319,9 +325,8 @@ def _differentiate(
         momentum_rates.append(sympy.Add(explicit_rate, *chain_rule))
     gamma = _christoffel_symbols(M, q)
     C = matrix(n, n, lambda i, j: weighted_sum(gamma[i, j], dq))
-    zero_rates = dict.fromkeys(dq, 0)
     c, g, tau = [], [], []
-    is_standard = True  # τ = M q̈ + c + g
+    is_standard = True  # the split τ = M q̈ + c + g holds for all coordinates
     for i in range(n):
         c.append(sympy.expand(weighted_sum(C.row(i), dq)))
         g.append(-slopes[i].subs(zero_rates))

@@ -45,7 +45,8 @@ def check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, pat
     if path not in get_args(Paths):
         raise ValueRangeError(f"path is {path!r}. Give 'joint', 'line' or 'screw'.")
     if scaling not in get_args(Scalings):
-        raise ValueRangeError(f"scaling is {scaling!r}. Give one of {', '.join(map(repr, get_args(Scalings)))}.")
+        choices = ", ".join(map(repr, get_args(Scalings)))
+        raise ValueRangeError(f"scaling is {scaling!r}. Give one of {choices}.")
     if to is not None and by is not None:
         raise ValueRangeError(
             f"{argument('to')} and {argument('by')} both set the end of the motion. Keep one of them."
@@ -56,7 +57,8 @@ def check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, pat
         )
     if by is not None and path != "joint":
         raise ValueRangeError(f"{argument('by')} moves the tip on a straight line. Leave the path out.")
-    if waypoints is not None and (by is not None or path != "joint"):
+    is_path_of_tip = by is not None or path != "joint"
+    if waypoints is not None and is_path_of_tip:
         raise ValueRangeError(
             f"{argument('waypoints')} are for the joints, and the path is one of the tip. Keep one of them."
         )
@@ -65,17 +67,20 @@ def check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, pat
 def path_and_trouble(
     robot: Robot, q0: Array, q1: Array, by: ArrayLike | None, between: Array | None, path: str
 ) -> tuple[JointPath | None, PathError | None]:
-    """Requested path from q0 (nq,), and None; if the path ends early, its feasible part (None if there is none) and the error.
+    """Requested path from q0 (nq,), and None.
 
-    The path ends at q1 (nq,), or where the tip has moved by a vector ``by`` (3,) [m]. ``between`` are waypoints (n, nq).
+    If the path ends early, the results are its feasible part, which may be None, and the error. The path ends at q1 (nq,), or
+    where the tip has moved by a vector ``by`` (3,) [m]. ``between`` are waypoints (n, nq).
     """
     if between is not None:
-        return spline(robot, np.concatenate([[q0], between, [q1]])), None
+        points = np.concatenate([[q0], between, [q1]])
+        return spline(robot, points), None
     if by is None and path == "joint":
         return joint_line(robot, q0, q1), None
     start_pose = robot.forward_kinematics(q0)
     if by is not None:
-        displacement = arguments.one(arguments.finite(by, "by", 3), "by", 3)
+        finite_by = arguments.finite(by, "by", 3)
+        displacement = arguments.one(finite_by, "by", 3)
         end_pose = start_pose.copy()
         end_pose[:3, 3] += displacement
         poses = straight_path(start_pose, end_pose)
@@ -126,7 +131,8 @@ def time_path(
 def read_waypoints(robot: Robot, source: str | Path | ArrayLike, *, degrees: bool) -> Array:
     """Configurations (n, nq) of a file or an array, in rad and m; if ``degrees``, angles in the source are in degrees."""
     is_angle = Coordinates.from_model(robot.model).angular
-    units = np.where(is_angle & degrees, math.radians(1.0), 1.0)
+    radians_per_degree = math.radians(1.0)
+    units = np.where(is_angle & degrees, radians_per_degree, 1.0)  # of the source, in SI units
     if isinstance(source, str | Path):
         return _waypoints_of_file(robot, source) * units
     waypoints = arguments.finite(source, "waypoints", robot.nq, names=robot.coordinate_names)
@@ -142,7 +148,8 @@ def _waypoints_of_file(robot: Robot, file: str | Path) -> Array:
         table = CsvFile.open(file)
         if sorted(table.header) != sorted(names):
             raise ValueRangeError(f"{file}: line {table.header_line}: give {form}.")
-        rows = table.table([table.header.index(name) for name in names])
+        columns = [table.header.index(name) for name in names]
+        rows = table.table(columns)
     if not len(rows):
         raise ValueRangeError(f"{file}: no row after the header: give {form}.")
     return rows
@@ -179,5 +186,7 @@ def certain_violations(violations: tuple[Violation, ...], robot: Robot) -> tuple
     if not doubts:
         return violations, []
     certain = tuple(violation for violation in violations if violation.kind != "torque")
-    torque_doubts = [hanging_excess(str(violation)) for violation in violations if violation.kind == "torque"]
-    return certain, [*doubts, *torque_doubts[:1]]
+    of_torques = [violation for violation in violations if violation.kind == "torque"]
+    if of_torques:
+        doubts = [*doubts, hanging_excess(str(of_torques[0]))]
+    return certain, doubts

@@ -54,8 +54,8 @@ def violations(
     shoulder_pan_joint: velocity 5 beyond 3.1416 rad/s at 0.15 s
     """
     require_robot(robot, "violations")
-    is_sampled = not hasattr(trajectory, "sample") or isinstance(trajectory, type)
-    if is_sampled:
+    is_trajectory = hasattr(trajectory, "sample") and not isinstance(trajectory, type)
+    if not is_trajectory:
         motion = getattr(trajectory, "motion", trajectory)  # a simulation's result has a motion
         if not isinstance(motion, Motion):
             raise ValueRangeError(
@@ -77,7 +77,7 @@ def violations(
 
 
 def required_torques(robot: Robot, t: Array, q: Array, dq: Array, ddq: Array, *, friction: bool) -> Array:
-    """Torques (n, nv) of a whole motion at times (n,), with friction at the ends as just inside."""
+    """Torques (n, nv) of a whole motion at times (n,); friction at its ends is that of :func:`.velocities_inside`."""
     dq = velocities_inside(t, dq, ddq, t[0], t[-1])
     return np.asarray(robot.inverse_dynamics(q, dq, ddq, friction=friction))
 
@@ -147,7 +147,8 @@ class Trajectory(TrajectoryDoors):
                 f"Trajectory: the scaling is {arguments.value_text(self.scaling)}: give one that "
                 "tw.trajectories.quintic, cubic, trapezoid or uniform makes."
             )
-        path_nq = self.path(0.0)[0].shape[-1]
+        first_q, _, _ = self.path(0.0)
+        path_nq = first_q.shape[-1]
         if path_nq != self.robot.nq:
             raise ShapeError(
                 f"the path has {path_nq} coordinates, and robot {self.robot.name!r} {self.robot.nq}: it is another robot's. "
@@ -167,7 +168,7 @@ class Trajectory(TrajectoryDoors):
         return q, dq_ds * ds, ddq_dds * ds * ds + dq_ds * dds
 
     def jerk(self, t: ArrayLike) -> Array:
-        """Third derivative of q at t [s]: q‴ ds³ + 3 q″ ds dds + q′ ddds.
+        """Third derivative of q at t [s]: q‴ ds³ + 3 q″ ds dds + q′ ddds, with q′, q″ and q‴ by s and ds, dds and ddds by t.
 
         Returns
         -------
@@ -187,9 +188,11 @@ class Trajectory(TrajectoryDoors):
         [7.5, 0.0]
         """
         if self.path.third is None or not hasattr(self.scaling, "third"):
-            without_third = f"path {self.path.name!r}" if self.path.third is None else f"{self.scaling.name} timing"
+            source = f"{self.scaling.name} timing"
+            if self.path.third is None:
+                source = f"path {self.path.name!r}"
             raise ValueRangeError(
-                f"the {without_third} has no third derivative, so its jerk is not known: take the quintic or s-curve timing, a "
+                f"the {source} has no third derivative, so its jerk is not known: take the quintic or s-curve timing, a "
                 "line, a spline, or a JointPath with third=."
             )
         s, ds, dds = self.scaling(t)
@@ -210,12 +213,14 @@ class Trajectory(TrajectoryDoors):
         [0.0, 0.15625, 0.5, 0.84375, 1.0]
         """
         step = arguments.number(dt, "dt")
-        if not 0 < step < np.inf or self.duration / step > _MAX_SAMPLES:
+        is_step = 0 < step < np.inf
+        if not is_step or self.duration / step > _MAX_SAMPLES:
             raise ValueRangeError(
                 f"dt is {printed(step)}: give a step [s] above zero, in which {printed(self.duration, 4)} s has at most 1e8."
             )
-        n = int(np.floor(self.duration / step * (1 + 1e-12)))  # a duration of whole steps keeps its last one
-        t = step * np.arange(n + 1)
+        steps_in_duration = self.duration / step * (1 + 1e-12)  # rounding does not lose the last of whole steps
+        whole_steps = int(np.floor(steps_in_duration))
+        t = step * np.arange(whole_steps + 1)
         remaining_time = self.duration - t[-1]
         if remaining_time > 1e-9 * min(step, self.duration):  # more than rounding errors
             t = np.append(t, self.duration)
@@ -279,10 +284,10 @@ def move(
     else:
         names = robot.coordinate_names
         finite_waypoints = arguments.finite(waypoints, "waypoints", robot.nq, names=names)
-        between = np.atleast_2d(np.asarray(finite_waypoints, float))
+        inner_points = np.atleast_2d(np.asarray(finite_waypoints, float))
         start = configuration(robot, q0, "q0")
         end = configuration(robot, q1, "q1")
-        path = spline(robot, np.concatenate([start[None], between, end[None]]))
+        path = spline(robot, np.concatenate([start[None], inner_points, end[None]]))
     if scaling is None:
         scaling = fitted(robot, path)
     return Trajectory(robot, path, scaling)
@@ -331,16 +336,18 @@ def fitted(
             f"fitted: the shape is {arguments.value_text(shape)}: give a scaling that tw.trajectories.quintic, cubic, "
             "trapezoid or uniform makes, of any duration."
         )
-    unit_scaling = (quintic(1.0) if shape is None else shape).stretched(1.0)
+    scaling = quintic(1.0) if shape is None else shape
+    unit_scaling = scaling.stretched(1.0)  # of 1 s
     if np.isfinite(bounds.jerk).any():
         _require_continuous_acceleration(Trajectory(robot, path, unit_scaling))
-    times = np.union1d(np.linspace(0.0, 1.0, _FIRST_SAMPLES), getattr(unit_scaling, "knots", ()))
+    knots = getattr(unit_scaling, "knots", ())  # times at which the acceleration has a corner or a jump
+    times = np.union1d(np.linspace(0.0, 1.0, _FIRST_SAMPLES), knots)
     durations = shortest_durations(robot, path, unit_scaling, bounds, times, friction=friction)
     for _ in range(_REFINEMENTS):  # the time of the largest duration lies between two samples
-        between = _times_around_peaks(times, durations)
-        durations_between = shortest_durations(robot, path, unit_scaling, bounds, between, friction=friction)
-        times = np.concatenate([times, between])
-        durations = np.concatenate([durations, durations_between])
+        new_times = _times_around_peaks(times, durations)
+        new_durations = shortest_durations(robot, path, unit_scaling, bounds, new_times, friction=friction)
+        times = np.concatenate([times, new_times])
+        durations = np.concatenate([durations, new_durations])
         order = np.argsort(times)
         times, durations = times[order], durations[order]
     T = float(durations.max())
@@ -352,16 +359,19 @@ def fitted(
 
 
 def _times_around_peaks(times: Array, durations: Array) -> Array:
-    """Times that split the intervals on both sides of the largest local maxima of the durations."""
+    """New times within the intervals on both sides of the largest local maxima of the durations."""
     padded = np.concatenate([[-np.inf], durations, [-np.inf]])
     is_peak = (durations >= padded[:-2]) & (durations >= padded[2:])
-    peaks = np.flatnonzero(is_peak)
-    largest_first = np.argsort(-durations[peaks])
-    peaks = peaks[largest_first[:_MAX_PEAKS]]
+    peak_indices = np.flatnonzero(is_peak)
+    largest_first = np.argsort(-durations[peak_indices])
+    peak_indices = peak_indices[largest_first[:_MAX_PEAKS]]
+    intervals_beside_peaks = np.concatenate([peak_indices - 1, peak_indices])
     last_interval = len(times) - 2
-    intervals = np.unique(np.clip(np.concatenate([peaks - 1, peaks]), 0, last_interval))
+    intervals = np.unique(np.clip(intervals_beside_peaks, 0, last_interval))
     shares = np.arange(1, _PARTS_PER_INTERVAL) / _PARTS_PER_INTERVAL
-    return np.asarray((times[intervals, None] + shares * np.diff(times)[intervals, None]).ravel())
+    begins = times[intervals, None]
+    lengths = np.diff(times)[intervals, None]
+    return np.asarray((begins + shares * lengths).ravel())
 
 
 def _require_continuous_acceleration(trajectory: Trajectory) -> None:
@@ -369,11 +379,15 @@ def _require_continuous_acceleration(trajectory: Trajectory) -> None:
     ends = [0.0, trajectory.duration]
     samples = np.linspace(0.0, trajectory.duration, 101)
     _, dq, ddq = trajectory(np.concatenate([ends, samples]))
-    moves_at_ends = any(np.abs(rates[:2]).max() > TOLERANCE * np.abs(rates).max() for rates in (dq, ddq))
-    knots = trajectory.path.knots[1:-1]
-    _, _, before = trajectory.path(knots - _SIDE_STEP)  # d²q/ds²
-    _, _, after = trajectory.path(knots + _SIDE_STEP)
-    has_jump = np.abs(after - before).max(axis=1, initial=0.0) > TOLERANCE * np.abs(before).max(initial=0.0)
+    moves_at_ends = False
+    for rates in (dq, ddq):
+        max_at_ends = np.abs(rates[:2]).max()
+        moves_at_ends |= bool(max_at_ends > TOLERANCE * np.abs(rates).max())
+    knots = trajectory.path.knots[1:-1]  # without the ends
+    _, _, slopes_before = trajectory.path(knots - _SIDE_STEP)  # d²q/ds²
+    _, _, slopes_after = trajectory.path(knots + _SIDE_STEP)
+    jumps = np.abs(slopes_after - slopes_before).max(axis=1, initial=0.0)
+    has_jump = jumps > TOLERANCE * np.abs(slopes_before).max(initial=0.0)
     where = ""
     if moves_at_ends:
         where = "at the ends"
@@ -394,24 +408,27 @@ def shortest_durations(
     trajectory = Trajectory(robot, path, unit_scaling)
     q, dq, ddq = trajectory(times)
     dq = velocities_inside(times, dq, ddq, 0.0, 1.0)
-    # Velocities are proportional to 1/T, accelerations to 1/T², jerks to 1/T³; 0/0 is a joint that does not move.
+    # Velocities are proportional to 1/T, accelerations to 1/T², jerks to 1/T³. A share of 0/0 counts as zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         shares_of_velocity = np.nan_to_num(np.abs(dq) / bounds.velocity, posinf=np.inf)
         shares_of_acceleration = np.nan_to_num(np.abs(ddq) / bounds.acceleration_at(dq, ddq), posinf=np.inf)
-    shortest = [shares_of_velocity, np.sqrt(shares_of_acceleration)]
+    shortest = [shares_of_velocity, np.sqrt(shares_of_acceleration)]  # durations (n, nv) by each limit [s]
     if np.isfinite(bounds.jerk).any():
         shortest.append(np.cbrt(np.abs(trajectory.jerk(times)) / bounds.jerk))
-    model, law = robot.model, robot.model.friction
+    model = robot.model
+    law = model.friction
     u = motor_velocities(model, dq)
     holding_torques = motor_torques(model, robot.holding_torques(q))
     slow_dq = joint_velocities(model, _SLOW_SPEED * np.sign(u))
-    g = holding_torques + motor_torques(model, robot.friction_forces(slow_dq)) * friction
-    load_factor = law.load * friction * (u != 0)  # friction for each carried torque
+    static_friction = motor_torques(model, robot.friction_forces(slow_dq)) * friction  # zero without friction
+    g = holding_torques + static_friction
+    load_factor = law.load * friction * (u != 0)  # friction as a share of the carried torque
     standing_torques = np.abs(g) + load_factor * np.abs(holding_torques)
     reserve = bounds.effort - standing_torques
     has_no_reserve = (reserve <= _MIN_RESERVE * bounds.effort) & np.isfinite(reserve)
     if has_no_reserve.any():
-        i, j = np.unravel_index(int((standing_torques / bounds.effort).argmax()), g.shape)
+        largest_share = int((standing_torques / bounds.effort).argmax())
+        i, j = np.unravel_index(largest_share, g.shape)  # of the sample and of the motor
         raise PathError(
             f"the robot cannot hold itself on this path: {model.drive_labels[j]!r} needs {printed(standing_torques[i, j], 4)} "
             f"of {printed(bounds.effort[j], 4)} to stand still. Take load off, another path, or a stronger joint."

@@ -26,7 +26,8 @@ from .section_pages import SECTIONS, formula_html
 __all__ = ["ARTICLES", "article_text", "write_article"]
 
 _FOLDER = resources.files(__package__) / "articles"
-ARTICLES = tuple(sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml")))
+_FILES = [Path(entry.name) for entry in _FOLDER.iterdir()]
+ARTICLES = tuple(sorted(file.stem for file in _FILES if file.suffix == ".toml"))
 """Sections of the book with an article."""
 _SHARED_SCRIPTS = ("decimals.js", "matrices.js", "orbit.js")
 """Scripts that other pages also use."""
@@ -36,7 +37,7 @@ _ARTICLE_SCRIPTS = (
 )  # fmt: skip
 """Scripts that all articles use."""
 _MARKUP = re.compile(r"\{(\w+):((?:[^{}]|\{[^{}]*\})*)\}|\*\*(.+?)\*\*")
-"""Marks in a text: ``{kind:text}`` with at most one level of braces in its text, and ``**text**``."""
+"""Marks in a text: ``**text**``, and ``{kind:text}``, whose text may contain one more level of braces."""
 _SLIDER_BEFORE_STOP = re.compile(r'(<span class="slider[^>]*>[^<]*</span>)([.,;:?]+)')
 """Slider and the punctuation after it."""
 _VIEW_HTML = (
@@ -80,18 +81,22 @@ def article_text(section: str, *, neighbours: Mapping[str, str] | None = None, i
     neighbours : {label: address}, optional, links to other pages of a site, above the heading
     instrument : str, optional, address of the section's page with a robot
     """
-    article = article_of(arguments.choice(section, "section with an article", ARTICLES))
+    section = arguments.choice(section, "section with an article", ARTICLES)
+    article = article_of(section)
     player = resources.files(__package__) / "player"
     article_scripts = [*_ARTICLE_SCRIPTS, *article["scripts"], "article.js"]
-    script = joined_script([*_SHARED_SCRIPTS, *(f"article/{name}" for name in article_scripts)])
-    data = json.dumps({"section": section, "pictures": article["picture"]}, ensure_ascii=False, separators=(",", ":"))
+    article_paths = [f"article/{name}" for name in article_scripts]
+    script = joined_script([*_SHARED_SCRIPTS, *article_paths])
+    page_data = {"section": section, "pictures": article["picture"]}
+    data = json.dumps(page_data, ensure_ascii=False, separators=(",", ":"))
     page = Template((player / "article/article.html").read_text("utf-8"))
     style = (player / "article/article.css").read_text("utf-8")
+    body_lines = _body(section, article, neighbours or {}, instrument)
     return page.substitute(
         title=html.escape(f"{section} {article['title']}"),
         policy=f"{POLICY} {digest(script)}",
         style=page_colours() + quantity_colours() + style,
-        body="\n".join(_body(section, article, neighbours or {}, instrument)),
+        body="\n".join(body_lines),
         data=data.replace("</", "<\\/"),  # a closing tag would end the script element
         script=script,
     )
@@ -110,22 +115,25 @@ def _body(
     section: str, article: Mapping[str, Any], neighbours: Mapping[str, str], instrument: str | None
 ) -> Iterator[str]:
     """HTML lines of the article: heading, pictures, questions, and how to go on."""
+    no_sliders: dict[str, Any] = {}  # only texts of pictures have sliders
     if neighbours:
         links = [f'<a href="{html.escape(address)}">{html.escape(label)}</a>' for label, address in neighbours.items()]
         yield f"<nav>{''.join(links)}</nav>"
-    section_title = article.get("section_title") or SECTIONS[section].title
+    section_title = article.get("section_title") or SECTIONS[section].title  # the book's title by default
     yield f"<h1><small>{section} {html.escape(section_title)}</small>{html.escape(article['title'])}</h1>"
     yield f'<p class="question">{html.escape(article["question"])}</p>'
-    yield from _paragraphs(article["lead"], {})
+    yield from _paragraphs(article["lead"], no_sliders)
     yield "<noscript><p><b>The pictures are drawn by this page's own script, which is switched off.</b></p></noscript>"
     for picture_number, picture in enumerate(article["picture"], 1):
         yield from _picture_section(picture_number, picture)
     yield "<h2>Without looking back</h2>"
     for question in article["question_at_end"]:
-        answer = "".join(_paragraphs(question["answer"], {}))
-        yield f"<details><summary>{_text_html(question['ask'], {})}</summary>{answer}</details>"
+        question_html = _text_html(question["ask"], no_sliders)
+        answer = "".join(_paragraphs(question["answer"], no_sliders))
+        yield f"<details><summary>{question_html}</summary>{answer}</details>"
     yield "<h2>Go on</h2>"
-    yield f"<p>The first picture, in Python:</p>{_code_html(article['python'].strip())}"
+    python_html = _code_html(article["python"].strip())
+    yield f"<p>The first picture, in Python:</p>{python_html}"
     link = f', as in <a href="{html.escape(instrument)}">this page</a>' if instrument else ""
     section_of_command = article.get("instrument", section)
     command = f"twistwrench view my_arm.urdf --section {section_of_command} --html page.html"
@@ -158,9 +166,10 @@ def _picture_section(picture_number: int, picture: Mapping[str, Any]) -> Iterato
     yield '<button class="skip" hidden>Show me</button>'
     if prediction is not None:
         yield f'<p class="prompt" role="status" hidden><span>{html.escape(prediction["ask"])}</span></p>'
-        if prediction["kind"] == "number":
+        kind = prediction["kind"]  # an arrow is guessed in the picture itself
+        if kind == "number":
             yield _number_guess(name, prediction)
-        elif prediction["kind"] != "arrow":  # an arrow is guessed in the picture itself
+        elif kind != "arrow":
             yield _answer_choice(name, prediction)
     yield '<div class="numbers"></div></figcaption></figure>'
     yield '<div class="after">'
@@ -179,7 +188,8 @@ def _number_guess(name: str, prediction: Mapping[str, Any]) -> str:
     label = f'<label for="guess-{name}">{html.escape(prediction["label"])}</label>'
     attributes = f'min="{minimum}" max="{maximum}" step="{prediction["step"]}" value="{minimum}"'
     field = f'<input id="guess-{name}" type="range" {attributes}>'
-    ends = f"<small>{number(minimum)}</small><small>{number(maximum)}</small>".replace("-", "−")
+    ends = f"<small>{number(minimum)}</small><small>{number(maximum)}</small>"
+    ends = ends.replace("-", "−")  # a typographic minus
     return f'<div class="guess">{label}<span class="range">{field}{ends}</span><output></output></div>'
 
 
@@ -205,6 +215,7 @@ def _text_html(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> str:
     """Text as HTML: coloured words, sliders with their initial value, formulas, emphasis."""
 
     def mark_html(mark: re.Match[str]) -> str:
+        """HTML of a match of :data:`_MARKUP`."""
         kind, inner, emphasised = mark.groups()
         if emphasised is not None:
             return f"<strong>{emphasised}</strong>"

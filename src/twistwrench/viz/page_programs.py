@@ -42,6 +42,9 @@ DAMPING = 0.1
 COULOMB_SHARE = 0.02
 """Default Coulomb friction, as a share of the torque limit."""
 
+_Quantities = dict[str, tuple[str, dict[str, Any]]]
+"""Name and options of a quantity, by the name of its program in the page."""
+
 _SHORTENINGS = (  # long text, short text
     (";\n  const ", ",\n"),
     ("\n  ", "\n"),
@@ -57,9 +60,9 @@ _SHORTENINGS = (  # long text, short text
 class PagePrograms:
     """Programs of one page.
 
-    The programs belong to a copy of the robot with other frames: first one for each body, so that ``link_poses`` begins
-    with the body poses; and at each tip a massless frame for the payload. After the state, the inputs of a program are
-    the wrenches on the robot (also at the tips) and the payload masses.
+    The programs belong to a copy of the robot with other frames. Its first frames are those of the bodies, so
+    ``link_poses`` begins with the body poses. Each tip has a massless frame for the payload. The inputs of a program are
+    the state, the wrenches on the robot (also at the tips), and the payload masses.
     """
 
     def __init__(
@@ -114,9 +117,9 @@ class PagePrograms:
         max_payload: float | None = None  # kg
         max_push: float | None = None  # N
         if self.tips:
-            max_payload = round_above(mass / 2 if mass else 1.0)
-            max_push = round_above(weight if weight else 10.0)
-        stage_coefficients, weights = RK4.numbers[:2]
+            max_payload = round_above(mass / 2) if mass else 1.0
+            max_push = round_above(weight) if weight else 10.0
+        stage_coefficients, weights = RK4.numbers[:2]  # a and b of the tableau
         fall = {
             "why": self._why_not_released,
             "step": STEP if self.loops is None else LOOP_STEP,
@@ -135,7 +138,7 @@ class PagePrograms:
         }
 
     def tips_data(self, names: Sequence[str]) -> list[dict[str, Any]]:
-        """Data of each tip: its index in ``names``, and name, carrier and pose of the payload there."""
+        """Data of each tip: its index in ``names``, and the payload's name, carrier and pose there."""
         entries = []
         for tip, carrier, payload_frame in zip(self.tips, self.carriers, self.payloads, strict=True):
             label = "more at tip" if self.robot.model.payloads else f"payload at {carrier}"
@@ -161,15 +164,12 @@ class PagePrograms:
 
     @cached_property
     def _functions(self) -> dict[str, str]:
-        """JavaScript functions by the names used in the page; functions without use for the robot are left out.
-
-        Each is first listed as a quantity with its options.
-        """
+        """JavaScript functions by the names used in the page; functions without use for the robot are left out."""
         model = self.robot.model
         if not model.bodies:
             return {}
         no_options = dict[str, Any]()
-        programs = {"poses": ("link_poses", no_options)}
+        programs: _Quantities = {"poses": ("link_poses", no_options)}
         if model.nv:
             programs["holding"] = "holding_torques", {**self.wrench_options, **self.load}
             if self._has_inverse and self._length("mass_matrix", self.load) <= MAX_INSTRUCTIONS:
@@ -192,23 +192,24 @@ class PagePrograms:
             programs |= self.section.programs(self)
         return {name: self._function(quantity, options) for name, (quantity, options) in programs.items()}
 
-    def _loop_programs(self, loops: PageLoops) -> dict[str, tuple[str, dict[str, Any]]]:
-        """Quantities, with their options, that keep loops closed, and Jacobians of the feet."""
-        closing = {"constraints": loops.closures}
-        programs: dict[str, tuple[str, dict[str, Any]]] = {
+    def _loop_programs(self, loops: PageLoops) -> _Quantities:
+        """Quantities that keep loops closed, and Jacobians of the feet."""
+        constraint_options = {"constraints": loops.closures}
+        programs: _Quantities = {
             "rates": ("coordinate_rates", {}),
-            "closing": ("closure_poses", closing),
-            "closing_rows": ("constraint_jacobian", closing),
+            "closing": ("closure_poses", constraint_options),
+            "closing_rows": ("constraint_jacobian", constraint_options),
         }
         for k, body in enumerate(loops.feet):
             programs[f"foot{k}"] = "jacobian", {"frame": self.body_frames[body], "kind": "world_aligned"}
         return programs
 
     @property
-    def _motion_programs(self) -> dict[str, tuple[str, dict[str, Any]]]:
-        """Quantities, with their options, of the torques along a motion and of the parts of these torques."""
-        model, options = self.robot.model, {**self.wrench_options, **self.load}
-        programs: dict[str, tuple[str, dict[str, Any]]] = {"inverse": ("inverse_dynamics", options)}
+    def _motion_programs(self) -> _Quantities:
+        """Torques along a motion, and parts of these torques."""
+        model = self.robot.model
+        options = {**self.wrench_options, **self.load}
+        programs: _Quantities = {"inverse": ("inverse_dynamics", options)}
         if model.limited_followers:
             programs["across"] = "joint_wrenches", options
         if model.friction.any:
@@ -250,13 +251,10 @@ class PagePrograms:
         return {"wrenches": self.wrenches, "on_robot": self.wrenches} if self.wrenches else {}
 
     @property
-    def _accelerations(self) -> dict[str, tuple[str, dict[str, Any]]]:
-        """Quantities, with their options, of the released robot's motion.
-
-        With closed loops, they are the terms of the equation that the page solves.
-        """
+    def _accelerations(self) -> _Quantities:
+        """Quantities of the released robot's motion: with closed loops, the terms of the equation that the page solves."""
         options = {**self.wrench_options, **self.load}
-        programs: dict[str, tuple[str, dict[str, Any]]] = {"mass": ("mass_matrix", self.load)}
+        programs: _Quantities = {"mass": ("mass_matrix", self.load)}
         if self.loops is None:
             programs["acceleration"] = "forward_dynamics", options
         else:
@@ -290,14 +288,16 @@ def resistance(robot: Robot) -> dict[str, Any]:
     model = robot.model
     stops: list[dict[str, Any] | None] = [None] * model.nv
     for body in model.leaders:
-        low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
+        low = float(model.limits.lower[body.v_index])
+        high = float(model.limits.upper[body.v_index])
         if body.joint.nv == 1 and np.isfinite([low, high]).all():
             stops[body.v_index] = {"q": body.q_index, "least": low, "most": high}
     viscous_coefficients = model.friction.viscous
     coulomb_torques = model.friction.coulomb
     assumption = ""
     if not viscous_coefficients.any() and not coulomb_torques.any():
-        is_driven, max_torques = driven_velocities(model), model.limits.effort
+        is_driven = driven_velocities(model)
+        max_torques = model.limits.effort
         viscous_coefficients = DAMPING * is_driven
         coulomb_torques = np.where(is_driven & np.isfinite(max_torques), COULOMB_SHARE * max_torques, 0.0)
         assumption = f"Friction is assumed: {DAMPING} N m s/rad"
@@ -338,8 +338,12 @@ def tips_of(model: Model) -> list[str]:
     >>> tips_of(tw.robots.quadruped().model)
     ['FL_foot', 'FR_foot', 'RL_foot', 'RR_foot']
     """
-    last = last_bodies(model)
-    leaf_by_body = {model.frames[name].body: name for name in model.leaves if model.frames[name].body in last}
+    last_body_indices = last_bodies(model)
+    leaf_by_body: dict[int, str] = {}  # the last leaf frame of each body
+    for name in model.leaves:
+        body = model.frames[name].body
+        if body in last_body_indices:
+            leaf_by_body[body] = name
     tools = [name for name, frame in model.all_frames.items() if frame.body != BASE and _TOOLS.search(name)]
     distinct = list(dict.fromkeys([*leaf_by_body.values(), *tools]))
     return distinct[:MAX_TIPS]
@@ -372,7 +376,7 @@ def _selectable_tips(model: Model, payload: Payload | None) -> tuple[tuple[str, 
     if payload is not None and payload.frame is not None:
         tips = (payload.frame,)
     if one_arm(model):
-        return tips, len(tips) - 1
+        return tips, len(tips) - 1  # frames whose names suggest a tool come last
     return tips, 0
 
 

@@ -1,7 +1,7 @@
 """Column solves in a frame: a function for each group of columns, and the loop that calls it.
 
-Entries of a column that follow each other are one row of the matrix apart. The solution replaces the column. All other values
-that a function reads from the frame lie outside the matrices, so its two pointers do not alias.
+Successive entries of a column are one row of the matrix apart. The solution replaces the column. All other values that a
+function reads from the frame lie outside the matrices, so its two pointers do not alias.
 """
 
 from __future__ import annotations
@@ -19,11 +19,14 @@ _BYTES_PER_OFFSET = 8
 
 
 def column_programs(solve: ColumnSolve, writer: Callable[[], LlvmWriter]) -> Iterator[str]:
-    """For each group: table ``@columns…`` with the offset of each of its columns in the frame, then function ``@column…``."""
+    """For each group: the table ``@columns…`` of its columns' offsets in the frame, then the function ``@column…``."""
     for number, group in enumerate(solve.groups):
         w = writer()
         slot_bytes = w.lanes * w.precision.bytes
-        offsets = [slot_bytes * solve.entry(matrix, 0, column) for matrix, column in group.places]
+        offsets = []  # of the first entry of each column [bytes]
+        for matrix, column in group.places:
+            first_slot = solve.entry(matrix, 0, column)
+            offsets.append(slot_bytes * first_slot)
         yield f"@columns{number} = internal constant [{len(offsets)} x i64] [{typed_list('i64', offsets)}]"
         emitter = _ColumnEmitter(w, solve, group)
         instruction_count = len(group.program.instructions)
@@ -42,8 +45,9 @@ def column_loop(w: LlvmWriter, solve: ColumnSolve, label: str) -> str:
         # Each block of samples needs its constants anew: solutions of the previous block have replaced them.
         for entry, value in _constant_entries(solve, group):
             store_slot(w, w.splat(value), entry)
-        with w.loop(str(len(group.places)), label) as k:
-            table_offset = w.new(f"mul i64 {k}, {_BYTES_PER_OFFSET}")
+        column_count = str(len(group.places))
+        with w.loop(column_count, label) as index:
+            table_offset = w.new(f"mul i64 {index}, {_BYTES_PER_OFFSET}")
             table_entry = w.gep(f"@columns{number}", table_offset)
             column_offset = w.new(f"load i64, ptr {table_entry}, align {_BYTES_PER_OFFSET}")
             w.do(f"call void @column{number}(ptr %frame, ptr {w.gep('%frame', column_offset)})")
@@ -57,16 +61,16 @@ def _shared_count(group: ColumnGroup) -> int:
 
 
 def _constant_entries(solve: ColumnSolve, group: ColumnGroup) -> Iterator[tuple[int, float]]:
-    """Constant entries, by position in the frame, among the column entries that a group's program reads; with their values."""
+    """Slot and value of each constant among the column entries that a group's program reads."""
     program = solve.program
     shared_count = _shared_count(group)
-    inputs = [int(instruction.value) for instruction in group.program.instructions if instruction.op == "input"]
-    rows = [number - shared_count for number in inputs if number >= shared_count]
+    input_numbers = [int(instruction.value) for instruction in group.program.instructions if instruction.op == "input"]
+    rows = [number - shared_count for number in input_numbers if number >= shared_count]
     for matrix, column in group.places:
         for row in rows:
             entry = solve.entry(matrix, row, column)
-            instruction = program.results[entry]
-            op, _, value = program.instructions[instruction]
+            instruction_number = program.results[entry]
+            op, _, value = program.instructions[instruction_number]
             if op == "const":
                 yield entry, value
 
@@ -76,7 +80,7 @@ class _ColumnEmitter(Emitter):
 
     def __init__(self, w: LlvmWriter, solve: ColumnSolve, group: ColumnGroup) -> None:
         super().__init__(w, group.program)
-        self.first_shared_slot = solve.first_entries[-solve.shared]
+        self.first_shared_slot = solve.first_entries[-solve.shared]  # the shared results are the last ones
         self.slots_per_row = group.program.inputs[-1].size
         """Number of slots of a row of the matrix, which is square."""
         self.shared_count = _shared_count(group)
@@ -135,8 +139,8 @@ def call_lane_columns(w: LlvmWriter, solve: ColumnSolve, layout: RowLayout) -> N
 
 def _column_runs(group: ColumnGroup, max_length: int) -> Iterator[tuple[int, int, int]]:
     """Runs of adjacent columns of a group: matrix, first column, number of columns (at most ``max_length``)."""
-    run_matrix, run_column = group.places[0]
-    length = 0
+    run_matrix, run_column = group.places[0]  # first column of the current run
+    length = 0  # columns of the run so far
     for matrix, column in group.places:
         continues = (matrix, column) == (run_matrix, run_column + length)
         if not continues or length == max_length:
@@ -154,8 +158,8 @@ class _LaneColumnsEmitter(Emitter):
         super().__init__(w, group.program)
         self.typed_mask = f"{w.mask} {is_used}"
         """Type and register of the mask of lanes that have a column."""
-        self.first_shared_index, _ = layout.place(solve.first_entries[-solve.shared])
-        """Index of the first shared value; shared values are always in the frame."""
+        first_shared_slot = solve.first_entries[-solve.shared]  # the shared results are the last ones
+        self.first_shared_index, _ = layout.place(first_shared_slot)  # in the frame, as all shared values
         self.bytes_per_row = group.program.inputs[-1].size * w.precision.bytes
         """Size of a row of the matrix, which is square."""
         self.shared_count = _shared_count(group)

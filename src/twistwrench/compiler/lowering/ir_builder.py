@@ -17,11 +17,13 @@ class LlvmWriter:
     """Writer of one function whose values are vectors of ``lanes`` elements."""
 
     def __init__(self, precision: Precision, lanes: int, *, fused: bool = True) -> None:
-        self.precision, self.lanes, self.fused = precision, lanes, fused
+        self.precision, self.lanes = precision, lanes
+        self.fused = fused
+        """True if :meth:`fma` rounds once."""
         self.element = precision.llvm
         self.vector = f"<{lanes} x {self.element}>"
         self.integer = f"<{lanes} x i{precision.bits}>"
-        self.mask = f"<{lanes} x i1>"
+        self.mask = f"<{lanes} x i1>"  # these four are types
         self.suffix = f"v{lanes}f{precision.bits}"
         """Suffix of intrinsics for these vectors."""
         self.lines: list[str] = []
@@ -61,8 +63,9 @@ class LlvmWriter:
 
     def number(self, value: float) -> str:
         """Scalar constant, exact to the bit; LLVM writes float32 numbers with the bits of a double, too."""
-        signed_bits = DOUBLE.pattern(self.precision.rounded(value))
-        return f"0x{signed_bits % 2**64:016X}"
+        rounded_value = self.precision.rounded(value)
+        signed_bits = DOUBLE.pattern(rounded_value)
+        return f"0x{signed_bits % 2**64:016X}"  # modulo 2^64: without a sign
 
     def splat(self, value: float) -> str:
         """Vector with the same constant in every lane."""
@@ -88,10 +91,7 @@ class LlvmWriter:
         return self.new(f"call {self.vector} @llvm.{op}.{self.suffix}({arguments})")
 
     def fma(self, a: str, b: str, c: str) -> str:
-        """a b + c, rounded once; without fma in hardware, rounded twice.
-
-        LLVM's fma would then call the C library for each lane.
-        """
+        """a b + c, rounded once, or twice without fma in hardware, where LLVM's fma calls the C library for each lane."""
         if self.fused:
             return self.intrinsic("fma", a, b, c)
         product = self.binary("fmul", a, b)
@@ -103,7 +103,8 @@ class LlvmWriter:
 
     def shuffle(self, a: str, b: str, indices: Sequence[int], length: int | None = None) -> str:
         """Elements of a and b by index, which counts the elements of a and then of b; each has ``length`` (default: lanes)."""
-        source_type = f"<{length or self.lanes} x {self.element}>"
+        source_length = length or self.lanes
+        source_type = f"<{source_length} x {self.element}>"
         pattern = f"<{len(indices)} x i32> <{typed_list('i32', indices)}>"
         return self.new(f"shufflevector {source_type} {a}, {source_type} {b}, {pattern}")
 
@@ -119,7 +120,7 @@ class LlvmWriter:
         return self.new(f"sdiv i64 {padded_samples}, {self.lanes}")
 
     def share(self, samples: str, first: str) -> tuple[str, str]:
-        """Number of samples in the vector that begins with sample ``first``, and an i1 that is true if it is not full."""
+        """Number of samples in the vector that begins with sample ``first``, and an i1: true if the vector is not full."""
         remaining = self.new(f"sub i64 {samples}, {first}")
         is_partial = self.new(f"icmp slt i64 {remaining}, {self.lanes}")
         count = self.new(f"select i1 {is_partial}, i64 {remaining}, i64 {self.lanes}")
@@ -166,9 +167,9 @@ class LlvmWriter:
 # ── Conversion between rows and lanes, in registers
 
 # A block has ``lanes`` consecutive rows of a C-contiguous array. Each row is loaded in pieces of 128 bits, which shuffles join
-# to vectors and transpose: a vector then has one column of all rows. The last piece ends with the row and overlaps its
-# neighbour, so no lane is masked, and nothing is read past the end of the row. Inputs are loaded at the first use of one of
-# the piece's columns. Results are stored as soon as all columns of a piece are known.
+# to vectors and transpose: a vector then has one column of all rows. The last piece ends with the row. It overlaps its
+# neighbour, so that no lane is masked and nothing past the end of the row is read. A piece of an input is loaded when one of
+# its columns is first used. A piece of a result is stored as soon as all its columns are known.
 
 
 _PIECE_BYTES = 16
@@ -224,14 +225,14 @@ class _Rows:
 
         For float64 a square is 2 × 2, for float32 4 × 4.
         """
-        if self.width == 2:
+        if self.width == 2:  # float64
             return [self.within(v[0], v[1], [0, 2]), self.within(v[0], v[1], [1, 3])]
-        interleave_low, interleave_high = [0, 4, 1, 5], [2, 6, 3, 7]
+        interleave_low, interleave_high = [0, 4, 1, 5], [2, 6, 3, 7]  # the lower or upper halves, in turn
         a = self.within(v[0], v[1], interleave_low)
         b = self.within(v[2], v[3], interleave_low)
         c = self.within(v[0], v[1], interleave_high)
         d = self.within(v[2], v[3], interleave_high)
-        join_low, join_high = [0, 1, 4, 5], [2, 3, 6, 7]
+        join_low, join_high = [0, 1, 4, 5], [2, 3, 6, 7]  # the lower or upper halves, one after the other
         return [
             self.within(a, b, join_low),
             self.within(a, b, join_high),
@@ -250,12 +251,14 @@ class RowLoader(_Rows):
     def column(self, c: int) -> str:
         """Vector of one column."""
         if c not in self._vectors:
-            start = next((s for s in self.starts if s <= c < s + self.width), None)  # of the piece with the column
-            if start is None:
+            starts = [
+                start for start in self.starts if start <= c < start + self.width
+            ]  # of the pieces with the column
+            if not starts:
                 self._vectors[c] = self._load_elements(c)
             else:
-                for k, vector in enumerate(self._load(start)):
-                    self._vectors.setdefault(start + k, vector)  # overlapping pieces have some columns twice
+                for k, vector in enumerate(self._load(starts[0])):
+                    self._vectors.setdefault(starts[0] + k, vector)  # overlapping pieces have some columns twice
         return self._vectors[c]
 
     def _load(self, start: int) -> list[str]:
@@ -315,7 +318,9 @@ class RowStorer(_Rows):
 
     def _tiles(self, c: int) -> list[int]:
         """First columns of the tiles with column c: its regular tile, and the last tile, which ends with the row."""
-        starts = sorted({c - c % self.span, self.columns - self.span})
+        regular_start = c - c % self.span
+        last_start = self.columns - self.span
+        starts = sorted({regular_start, last_start})
         return [start for start in starts if start in self._missing_counts and start <= c]
 
     def _store(self, start: int) -> None:
@@ -335,14 +340,15 @@ class RowStorer(_Rows):
                 w.do(f"store {tile} {row_of_tile}, ptr {address}, align {self.align}")
 
     def clear(self) -> None:
-        """Store zeros at the position of the first tile."""
+        """Store zeros in place of the first tile."""
         tile = f"<{self.span} x {self.w.element}>"
         for row in range(self.w.lanes):
             self.w.do(f"store {tile} zeroinitializer, ptr {self.address(row, 0)}, align {self.align}")
 
     def _transposed(self, start: int) -> list[str]:
         """Pieces of the rows from column ``start`` on, joined to vectors."""
-        return self.transpose([self._vectors[start + k] for k in range(self.width)])
+        columns = [self._vectors[start + k] for k in range(self.width)]
+        return self.transpose(columns)
 
     def _store_elements(self, c: int, vector: str) -> None:
         """Store a column element by element."""

@@ -1,7 +1,8 @@
 """The loop of a scan: for each block of samples, all steps in order.
 
 The loop is a function of the type in :mod:`.batch_loop`. The state of a block stays in buffers from the first step to the last.
-Inputs that are equal for all steps are copied once. Each stored row of states holds the states after its last step.
+Inputs that are equal for all steps are copied once. States are stored once in several steps: a row of results belongs to
+these steps and holds the states after the last of them.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ def loop_over(recurrence: Scan) -> Loop:
     def write(name: str, _program: Program, precision: Precision, lanes: int, frame_bytes: int, _group: int) -> str:
         writer = _LoopWriter(recurrence, LlvmWriter(precision, lanes), frame_bytes)
         writer.write()
-        helpers = [copying("gather", precision, lanes, inward=True), copying("scatter", precision, lanes, inward=False)]
+        gather = copying("gather", precision, lanes, inward=True)
+        scatter = copying("scatter", precision, lanes, inward=False)
+        helpers = [gather, scatter]
         if writer.is_on_heap:
             helpers += [nan_filler(precision, lanes), MEMORY_DECLARATIONS]
         table = _stage_table(recurrence, writer.w)
@@ -53,7 +56,8 @@ def _stage_table(recurrence: Scan, w: LlvmWriter) -> str:
     """Constant with the scan's table, in which each number stands once for every lane; empty if the table has no numbers."""
     numbers: list[str] = []
     for row in recurrence.table:
-        numbers += [w.number(x) for x in row] * w.lanes
+        row_numbers = [w.number(x) for x in row]
+        numbers += row_numbers * w.lanes  # lanes copies of the row, one after the other
     if not numbers:
         return ""
     array_type = f"[{len(numbers)} x {w.element}]"
@@ -67,7 +71,10 @@ class _Operand:
     """
 
     def __init__(self, port: TensorSpec, base: str, sample_stride: str, strides: list[str], *, has_steps: bool) -> None:
-        self.port, self.base, self.sample_stride = port, base, sample_stride
+        self.port = port
+        self.base = base
+        """Address of the first entry."""
+        self.sample_stride = sample_stride
         self.strides = strides
         """Strides of all core axes."""
         self.step_stride = "0"
@@ -91,13 +98,15 @@ class _LoopWriter:
     """Writer of one loop."""
 
     def __init__(self, recurrence: Scan, w: LlvmWriter, frame_bytes: int) -> None:
-        self.r, self.w, self.frame_bytes = recurrence, w, frame_bytes
+        self.r, self.w = recurrence, w
+        self.frame_bytes = frame_bytes
+        """Size of the frame in which the program's blocks keep values; 0 without a frame."""
         self.program = recurrence.program
         self.saved_states = sorted({source.state for source in recurrence.sources if source.kind == "start"})
         """Numbers of the states whose values at the beginning of a step are needed."""
         starts = [recurrence.states[j] for j in self.saved_states]
-        given = [self.program.inputs[k] for k in recurrence.given]
-        self.ports = [*recurrence.states, *starts, *given, *self.program.outputs]
+        step_inputs = [self.program.inputs[k] for k in recurrence.given]
+        self.ports = [*recurrence.states, *starts, *step_inputs, *self.program.outputs]
         """Shapes of the buffers."""
         self.is_on_heap = frame_bytes + sum(buffer_sizes(w, self.ports)) > ON_STACK
         """True if the buffers do not fit on the stack."""
@@ -108,13 +117,13 @@ class _LoopWriter:
         samples = w.new("load i64, ptr %dims, align 8")
         operands = self._operands()
         inputs, outputs = operands[: len(r.inputs)], operands[len(r.inputs) :]
-        row_count = self._axis_length(-1)
+        row_count = self._axis_length(-1)  # of any result
         allocation, label = self._allocate(samples, outputs, row_count)
         if self.frame_bytes:
             w.do(f"call void @prepare(ptr {self.frame})")
         stores_nothing = w.new(f"icmp slt i64 {row_count}, 1")
-        step_count = self._axis_length(len(r.inputs) - 1)
-        divisor = w.new(f"select i1 {stores_nothing}, i64 1, i64 {row_count}")
+        step_count = self._axis_length(len(r.inputs) - 1)  # of any input with steps
+        divisor = w.new(f"select i1 {stores_nothing}, i64 1, i64 {row_count}")  # never zero
         steps_per_row = w.new(f"sdiv i64 {step_count}, {divisor}")
         with w.loop(w.blocks(samples), label) as block:
             first_sample = w.new(f"mul i64 {block}, {w.lanes}")
@@ -126,7 +135,7 @@ class _LoopWriter:
                 addresses.append(w.gep(operand.base, offset))
             for k, operand in enumerate(inputs[: r.visible]):
                 self._copy("gather", self.state[k], addresses[k], operand)
-            for k in range(r.visible, len(r.states)):
+            for k in range(r.visible, len(r.states)):  # hidden states start at zero
                 self._clear(self.state[k], r.states[k])
             with w.loop(row_count, w.after) as row, w.loop(steps_per_row, w.after) as step_in_row:
                 steps_before_row = w.new(f"mul i64 {row}, {steps_per_row}")
@@ -156,7 +165,8 @@ class _LoopWriter:
         next_stride = len(ports)  # strides of core axes follow those of the batch axis of all arrays
         for k, port in enumerate(ports):
             has_steps = k >= r.visible  # all but the initial states
-            base = w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8")
+            pointer_address = w.gep("%args", 8 * k)  # pointers have 8 bytes
+            base = w.new(f"load ptr, ptr {pointer_address}, align 8")
             axis_count = len(port.shape) + has_steps
             sample_stride, strides = load_strides(w, k, next_stride, axis_count)
             next_stride += axis_count
@@ -166,7 +176,7 @@ class _LoopWriter:
     def _axis_length(self, operand: int) -> str:
         """Length of the axis of steps or rows of an operand, given by its index."""
         axes = axes_of(self.r.signature)[operand]
-        length_address = self.w.gep("%dims", 8 * axes[0])
+        length_address = self.w.gep("%dims", 8 * axes[0])  # lengths have 8 bytes; steps or rows are the first axis
         return self.w.new(f"load i64, ptr {length_address}, align 8")
 
     def _allocate(self, samples: str, outputs: Sequence[_Operand], row_count: str) -> tuple[str, str]:
@@ -185,7 +195,7 @@ class _LoopWriter:
             buffers = [w.new(f"alloca [{size} x i8], align {LINE}") for size in sizes]
             if self.frame_bytes:
                 self.frame = w.new(f"alloca [{self.frame_bytes} x i8], align {LINE}")
-        next_buffer = iter(buffers)  # in the order of ``ports``
+        next_buffer = iter(buffers)  # in the order of ``ports``; each line takes its share
         self.state = [next(next_buffer) for _ in self.r.states]
         self.start = {j: next(next_buffer) for j in self.saved_states}
         self.given = {k: next(next_buffer) for k in self.r.given}
@@ -200,7 +210,8 @@ class _LoopWriter:
         is_first = w.new(f"icmp eq i64 {step}, 0")
         for buffer, address, operand in zip(self.given.values(), addresses, operands, strict=True):
             changes = w.new(f"icmp ne i64 {operand.step_stride}, 0")
-            with w.when(w.new(f"or i1 {is_first}, {changes}")):
+            must_copy = w.new(f"or i1 {is_first}, {changes}")
+            with w.when(must_copy):
                 offset = w.new(f"mul i64 {step}, {operand.step_stride}")
                 address_of_step = w.gep(address, offset)
                 self._copy("gather", buffer, address_of_step, operand)
@@ -218,7 +229,7 @@ class _LoopWriter:
                 with w.when(begins_row):
                     for k, address, operand in zip(r.reported, row_addresses, reported, strict=True):
                         self._copy("scatter", self.results[k], address, operand)
-            # The first results are the new states; the others stay in their buffers.
+            # The first results are the new states. Further results stay in their buffers, so zip ends before them.
             for state, result, port in zip(self.state, self.results, r.states, strict=False):
                 self._copy_buffer(state, result, port)
 
@@ -241,17 +252,19 @@ class _LoopWriter:
         """
         w, element_bytes = self.w, self.w.precision.bytes
         sample_bytes = operand.port.size * element_bytes
-        is_simple = self.is_whole_block
+        needs_no_call = self.is_whole_block
         for stride in operand.entry_strides:
             is_contiguous = w.new(f"icmp eq i64 {stride}, {element_bytes}")
-            is_simple = w.new(f"and i1 {is_simple}, {is_contiguous}")
-        with w.when(is_simple):
+            needs_no_call = w.new(f"and i1 {needs_no_call}, {is_contiguous}")
+        with w.when(needs_no_call):
             for lane in range(w.lanes):
                 in_buffer = w.gep(buffer, lane * sample_bytes)
-                in_array = w.gep(address, w.new(f"mul i64 {operand.sample_stride}, {lane}"))
+                sample_offset = w.new(f"mul i64 {operand.sample_stride}, {lane}")
+                in_array = w.gep(address, sample_offset)
                 target, source = (in_buffer, in_array) if which == "gather" else (in_array, in_buffer)
                 self._copy_bytes(target, source, sample_bytes, element_bytes)
-        with w.when(w.new(f"xor i1 {is_simple}, true")):
+        needs_call = w.new(f"xor i1 {needs_no_call}, true")
+        with w.when(needs_call):
             call_copy(w, which, buffer, address, self.sample_count, operand.port.shape, operand.strides_in_step)
 
     def _copy_buffer(self, target: str, source: str, port: TensorSpec) -> None:

@@ -2,7 +2,7 @@
 
 NumPy takes longer to reach a ufunc's loop than most kernels run. A builtin passes plain arguments directly to the loop and
 computes one sample in one lane. All other calls go to its fallback, a slower callable that also reports errors. Calls with
-other options, another type or a batch of one have builtins of their own. These form a chain: the fallback of each is the next.
+other options, another type or a batch of one get further builtins. They form a chain: each one is the fallback of another.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ MAX_CHAIN_LENGTH = 16
 """Maximum number of builtins of one method, for different options or arrays."""
 
 LONG_PROGRAM = 4000
-"""Number of instructions of a program that takes a second to compile."""
+"""Number of instructions from which a program is long: compilation takes a second or more."""
 INSTRUCTIONS_PER_CALL = 100
-"""Number of instructions of a long program for which one call is awaited before its builtin is made."""
+"""A long program gets its builtin after a number of calls: its number of instructions divided by this constant."""
 _CALLS_BEFORE_SHORT = 2
 """Number of calls before the builtin of a short program is made."""
 
@@ -47,9 +47,10 @@ _NEW_FROM_DESCRIPTOR = 94
 FASTCALL = 0x0080
 """Arguments are an array and its length."""
 KEYWORDS = 0x0002
-"""A tuple of keyword names follows them."""
+"""A tuple of keyword names follows the arguments."""
 
 _ADDRESS_BYTES = 8
+"""Size of an address."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class CallSignature:
     """Kind of call with one sample: its options, and the type and batch shape of all arrays."""
 
     options: tuple[tuple[str, Any], ...] = ()
-    """Names of parameters with their values, which are compared by identity; all others have their defaults."""
+    """Names of parameters, with their values; values are compared by identity. Other parameters have their defaults."""
     batch: tuple[int, ...] = ()
     """Batch shape of all arrays: empty, or only ones."""
     char: str = "d"
@@ -80,7 +81,7 @@ class kernel(bytes):  # its name is in the builtin's repr: "built-in method … 
     def hand_on_to(self, other: Callable[..., Any]) -> None:
         """Set the fallback, to which the builtin passes all calls that it does not handle."""
         self.kept["fallback"] = other
-        self.kept["place"].value = id(other)  # the builtin reads the address here
+        self.kept["place"].value = id(other)  # the builtin reads the fallback's address at this place
 
     def __reduce_ex__(self, protocol: Any) -> tuple[Callable[[Any], Any], tuple[Any]]:
         return _itself, (self.owner,)
@@ -132,7 +133,7 @@ def address_of(name: str) -> int:
 
 
 def _owner(kernel: Any) -> Any:
-    """Owner of a kernel, if it is compiled and Python is CPython with the GIL; otherwise None."""
+    """Object that holds a kernel's machine code; None without such code, or if Python is not CPython with the GIL."""
     if not abi_matches():
         return None
     return owner_of(kernel)
@@ -143,7 +144,7 @@ def make_call(
 ) -> Callable[..., Any] | None:
     """Builtin that evaluates ``ufunc`` for calls of one kind, and passes all others to the bound ``method``.
 
-    None if it cannot be made: no compiled kernel, a method with other parameters, or an interpreter of another build.
+    Returns None if the kernel is not compiled, the method has other parameters, or the interpreter is of another build.
     """
     owner = _owner(ufunc)
     if owner is None:
@@ -158,8 +159,8 @@ def make_call(
     loop = owner.scalar_code(layout.precision)
     parameters = list(signature.parameters.values())
     options = dict(call.options)
-    objects: list[Any] = [parameter.name for parameter in parameters]  # then the values of the options
-    for k, _ in layout.options:
+    objects: list[Any] = [parameter.name for parameter in parameters]
+    for k, _ in layout.options:  # the values of the options follow the names of all parameters
         objects.append(options.get(parameters[k].name, parameters[k].default))
     addresses = {
         "array_type": id(np.ndarray),
@@ -208,12 +209,14 @@ def _layout(program: Form | KernelMetadata, signature: inspect.Signature, call: 
     names = list(parameters)
     input_count = len(inputs)
     options = dict(call.options)
+    lacks_inputs = input_count > len(names)
     unknown_options = options.keys() - names[input_count:]
     has_several_samples = any(length != 1 for length in call.batch)
-    if input_count > len(names) or has_several_samples or unknown_options:
+    if lacks_inputs or has_several_samples or unknown_options:
         return None
-    returns_number_in_tuple = len(outputs) > 1 and not all(port.shape for port in program.outputs)
-    has_empty_array = not all(port.size for port in (*inputs, *outputs))
+    has_number = any(not port.shape for port in program.outputs)
+    returns_number_in_tuple = len(outputs) > 1 and has_number
+    has_empty_array = any(port.size == 0 for port in (*inputs, *outputs))
     if returns_number_in_tuple or has_empty_array:
         return None
     option_defaults = []  # index of the parameter, and True if its value is the default
@@ -231,8 +234,9 @@ def _layout(program: Form | KernelMetadata, signature: inspect.Signature, call: 
     keyword_only = [p for p in parameters.values() if p.kind is p.KEYWORD_ONLY]
     precision = SINGLE if call.char == SINGLE.char else DOUBLE
     positional_count = len(names) - len(keyword_only)
+    batch_axes = len(call.batch)
     return CallLayout(
-        inputs, outputs, precision, len(names), positional_count, tuple(option_defaults), out_index, len(call.batch)
+        inputs, outputs, precision, len(names), positional_count, tuple(option_defaults), out_index, batch_axes
     )
 
 
@@ -290,17 +294,23 @@ ROW_POINTERS = (
 """Names of the addresses in ``self``, 8 bytes each, in their order."""
 
 Rows = tuple[Array, NDArray[np.intp]]
-"""Rows of one operand: an array (m, ...), and the index of the row that each of n calls uses, (n,)."""
+"""Values of one operand in n calls: an array with m rows (m, ...), and the row that each call uses (n,)."""
 
 
 @cache
 def _row_code(operand_count: int, size: int, taken: int, passed: int, machine: Machine) -> Code:
-    """Code of a call, which copies ``size`` doubles to operand ``taken`` and returns the first number of operand ``passed``."""
+    """Code of a prepared call.
+
+    ``taken`` is the index of the operand to which ``size`` doubles are copied, ``passed`` of the one whose first number is
+    returned.
+    """
     call = BuiltinWriter(DOUBLE, ROW_POINTERS)
     w = call.w
     number = w.new(f"call i64 {call.known('as_number')}(ptr {call.entry('%args', 0)})")
     row_bytes = _ADDRESS_BYTES * operand_count
-    row = w.gep(call.known("table"), w.new(f"mul i64 {number}, {row_bytes}"))
+    table = call.known("table")
+    row_offset = w.new(f"mul i64 {number}, {row_bytes}")
+    row = w.gep(table, row_offset)
     call.fork("icmp eq i64 %count, 1", "run", "copy")  # without an array, nothing is copied
     call.begin("copy")
     source = call.array(call.entry("%args", 1), TensorSpec("x", (size,)))
@@ -309,7 +319,8 @@ def _row_code(operand_count: int, size: int, taken: int, passed: int, machine: M
     w.do(f"call void @llvm.memcpy.p0.p0.i64(ptr align 8 {target}, ptr align 8 {source}, i64 {array_bytes}, i1 false)")
     w.do("br label %run")
     call.begin("run")
-    w.do(f"call void {call.known('loop')}(ptr {row}, ptr {call.known('sizes')}, ptr {call.known('strides')}, ptr null)")
+    loop, sizes, strides = call.known("loop"), call.known("sizes"), call.known("strides")
+    w.do(f"call void {loop}(ptr {row}, ptr {sizes}, ptr {strides}, ptr null)")
     new_float = call.known("new_float")
     value = w.new(f"load double, ptr {call.entry(row, passed)}, align 8")
     result = w.new(f"call ptr {new_float}(double {value})")

@@ -42,6 +42,7 @@ MAJOR_VERSION = 24
 MINOR_VERSION = 28
 
 _POINTER_BYTES = 8
+"""Size of a pointer."""
 _LENGTH_BYTES = 8
 """Size of a length of an axis, an i64."""
 
@@ -55,7 +56,7 @@ def handler_assembly(
     inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec], precision: Precision, version: tuple[int, int]
 ) -> str:
     """Module for contiguous arrays of these shapes after a common batch shape; at least one array must have elements."""
-    w = LlvmWriter(precision, 1)
+    w = LlvmWriter(precision, lanes=1)
     specs = (*inputs, *outputs)
 
     def load(base: str, offset: int, llvm_type: str = "ptr") -> str:
@@ -76,27 +77,33 @@ def handler_assembly(
     metadata = load(extension, METADATA)
     for offset, number in zip((MAJOR_VERSION, MINOR_VERSION), version, strict=True):
         w.do(f"store i32 {number}, ptr {w.gep(metadata, offset)}")
-    w.do("ret ptr null")
+    w.do("ret ptr null")  # no error
     w.begin("call")
     stage = load("%frame", STAGE, "i32")
     is_execution = w.new(f"icmp eq i32 {stage}, {EXECUTE}")
     w.do(f"br i1 {is_execution}, label %run, label %done")
     w.begin("run")
-    buffers = [load(load("%frame", ARGUMENTS), _POINTER_BYTES * k) for k in range(len(inputs))]
-    buffers += [load(load("%frame", RESULTS), _POINTER_BYTES * k) for k in range(len(outputs))]
+    buffers = []  # of the arguments, then of the results
+    for table_offset, port_count in ((ARGUMENTS, len(inputs)), (RESULTS, len(outputs))):
+        for k in range(port_count):
+            table = load("%frame", table_offset)
+            buffers.append(load(table, _POINTER_BYTES * k))
     for number, buffer in enumerate(buffers):
         elements = load(buffer, DATA)
         w.do(f"store ptr {elements}, ptr {w.gep(arrays, _POINTER_BYTES * number)}")
     # The number of samples is the product of the lengths of the batch axes of the first array with elements.
     first_with_elements = next(k for k, spec in enumerate(specs) if spec.size)
-    rank = load(buffers[first_with_elements], RANK, "i64")
-    lengths = load(buffers[first_with_elements], DIMENSIONS)
+    buffer = buffers[first_with_elements]
+    core_rank = len(specs[first_with_elements].shape)
+    rank = load(buffer, RANK, "i64")
+    lengths = load(buffer, DIMENSIONS)
     w.do(f"store i64 1, ptr {samples}")
-    batch_axes = w.new(f"sub i64 {rank}, {len(specs[first_with_elements].shape)}")
+    batch_axes = w.new(f"sub i64 {rank}, {core_rank}")
     with w.loop(batch_axes, "run") as axis:
         byte_offset = w.new(f"mul i64 {axis}, {_LENGTH_BYTES}")
         length = load(w.gep(lengths, byte_offset), 0, "i64")
-        product = w.new(f"mul i64 {load(samples, 0, 'i64')}, {length}")
+        product_so_far = load(samples, 0, "i64")
+        product = w.new(f"mul i64 {product_so_far}, {length}")
         w.do(f"store i64 {product}, ptr {samples}")
     loop = w.new("load ptr, ptr @loop")
     w.do(f"call void {loop}(ptr {arrays}, ptr {samples}, ptr @steps, ptr null)")

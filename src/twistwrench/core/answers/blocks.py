@@ -21,18 +21,18 @@ from ..verdict import Verdict, Word
 
 
 class Level(IntEnum):
-    """Level of a block: which surfaces show it."""
+    """Level of a block, which decides where it is shown."""
 
     SHORT = 0
-    """All surfaces."""
+    """Shown on all surfaces, also in the short form."""
     ALL = 1
-    """Pages, and the terminal with ``--all``."""
+    """Shown on pages, and in the terminal with ``--all``."""
     PAGE = 2
-    """Only pages."""
+    """Shown only on pages."""
 
 
 Piece: TypeAlias = str | tuple[str, str]
-"""Text, or text with its style."""
+"""Text, or (text, style)."""
 
 
 class Line:
@@ -71,23 +71,23 @@ class Headline:
     further: Sequence[Line] = ()
     """Lines with other results that belong to the verdict: largest payload, least distance, questions to the user."""
     whole: bool = False
-    """True if the text is never broken into lines, as for a sentence with a path."""
+    """True if the text is never broken into lines, for instance because it contains a path."""
     level: Level = Level.SHORT
 
     @classmethod
     def from_verdict(cls, verdict: Verdict, *, further: Sequence[Line] = ()) -> Headline:
         """Headline with all reasons of a verdict."""
-        sentences = [f"{reason.removesuffix('.')}." for reason in verdict.reasons if reason]
+        sentences = [f"{reason.removesuffix('.')}." for reason in verdict.reasons if reason]  # each with one full stop
         first_sentence = sentences[0] if sentences else ""
         return cls(verdict.word, first_sentence, reasons=sentences[1:], further=further)
 
     @property
     def pieces(self) -> list[Piece]:
         """Text with its styles."""
-        first_reason = self.at
+        text_after_word = self.at
         if self.sentence:
-            first_reason = f"{self.at}: {self.sentence}"
-        pieces: list[Piece] = [(str(self.word), word_style(self.word)), first_reason]
+            text_after_word = f"{self.at}: {self.sentence}"
+        pieces: list[Piece] = [(str(self.word), word_style(self.word)), text_after_word]
         pieces += [f"\n  - {reason}" for reason in self.reasons]
         for line in self.further:
             pieces += ["\n", *line.pieces]
@@ -120,10 +120,12 @@ class Remark:
 
 @dataclass(frozen=True)
 class Bar:
-    """A share of a limit as a bar, and a text beside it; a cell of a table."""
+    """Cell of a table: a share of a limit as a bar, with a text beside it."""
 
     share: float
+    """Value divided by its limit."""
     text: str = ""
+    """Text beside the bar; empty for none."""
 
     @property
     def pieces(self) -> list[Piece]:
@@ -184,13 +186,13 @@ class Column:
     values: Sequence[Any]
     show: Callable[[Any], Cell] = cell_text
     unit: str = ""
-    """Unit of the values; all units if rows have different ones; empty for shares."""
+    """Unit of the values, or a text with all units if rows have different ones; empty for numbers without a unit."""
     headed: bool = True
     """True if the head shows the unit; False if the unit is in the title or in another column."""
     limits: Sequence[float] | None = None
     """Limit of each row, shown behind its value."""
     words: bool = False
-    """True for words, aligned left; numbers are aligned right."""
+    """True for words, which are aligned to the left; numbers are aligned to the right."""
     whole: bool = True
     """True if cells are never broken into lines."""
     min_width: int | None = None
@@ -245,9 +247,9 @@ def numbers(
 class Table:
     """Columns of equal length below a title; columns that are None are left out. Each row may have a style.
 
-    At level SHORT at most ``most`` rows are shown. These are the rows with the largest values ``by``, in their order in the
-    table; a last row counts the others. If ``of_limits``, the values ``by`` are shares of limits. ``style`` is that of the
-    title, ``styles`` are those of the rows.
+    The short form shows at most ``most`` rows: those with the largest values in ``by``, which has a value for each row. They
+    keep their order, and a last row counts the others. If ``of_limits``, the values in ``by`` are shares of limits.
+    ``style`` is the style of the title, and ``styles`` has a style for each row.
     """
 
     def __init__(
@@ -290,7 +292,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class More:
-    """Last line of a shortened answer. The surface adds how to see the full one."""
+    """Last line of a shortened answer. The surface adds how to see the full answer."""
 
     sentence: str
     """Content of the full form, such as "All 20 findings with lines"."""
@@ -304,7 +306,7 @@ class More:
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """Rows of two texts below a title, such as symbols and their meanings. The second texts begin in one column."""
+    """Rows of two texts below a title, such as symbols and their meanings. All second texts begin at the same column."""
 
     title: str
     rows: Sequence[tuple[str, str]]
@@ -327,10 +329,11 @@ class Aligned:
         for name, text in self.rows:
             first_name = name + " " * (name_width - text_width(name))
             next_name = " " * name_width  # only the first line of a row has the name
-            text_lines = self.fold(text, width_of_texts) or [""]
-            for k, line in enumerate(text_lines):
-                padded_name = next_name if k else first_name
+            text_lines = self.fold(text, width_of_texts) or [""]  # an empty text has a line for its name
+            padded_name = first_name
+            for line in text_lines:
                 lines.append(f"{indent}{padded_name}{self.gap}{line}".rstrip())
+                padded_name = next_name
         return lines
 
 
@@ -340,8 +343,8 @@ Block: TypeAlias = str | Headline | Line | Remark | Table | Branch | More | Alig
 
 def remarks(sentences: Iterable[str]) -> list[Remark]:
     """One remark for each sentence; notes on how a file was read come last."""
-    in_given_order = [Remark(str(sentence), reading=isinstance(sentence, ReadingNote)) for sentence in sentences]
-    return sorted(in_given_order, key=lambda remark: remark.reading)
+    unsorted_remarks = [Remark(str(sentence), reading=isinstance(sentence, ReadingNote)) for sentence in sentences]
+    return sorted(unsorted_remarks, key=lambda remark: remark.reading)  # stable: False before True
 
 
 def word_cell(word: str) -> Line:
@@ -359,7 +362,10 @@ def limit_style(share: float) -> Style:
 
 
 def mark_style(share: float) -> Style:
-    """Style of the name of a joint in a sentence; ``share`` is its share of a limit, nan without a limit."""
+    """Style of the name of a joint in a sentence: a colour only near or over its limit.
+
+    ``share`` is the joint's share of the limit, nan without a limit.
+    """
     style = limit_style(share)
     if style is Style.GOOD or math.isnan(share):
         return Style.POINTED
@@ -367,7 +373,7 @@ def mark_style(share: float) -> Style:
 
 
 def share_cell(share: float) -> str | Line:
-    """Cell with a share of a limit, in its colour; a dash without a limit, if the share is not finite."""
+    """Cell with a share of a limit, in its colour; a dash if the share is not finite, as without a limit."""
     if not math.isfinite(share):
         return MISSING
     return Line((percent_of_limit(share), limit_style(share)), value=share)

@@ -29,6 +29,7 @@ MAX_BYTES = 64 * 2**20
 
 _ELEMENT_PREFIX = "xacro:"
 _EXPRESSION_STARTS = ("${", "$(")
+"""First characters of the two kinds of expressions."""
 _MAX_BYTES_PER_CHARACTER = 8
 """Bound of the size of a character of the expanded text in the child's answer, which is JSON [bytes]."""
 
@@ -56,22 +57,21 @@ def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"])
         if element.tag.startswith(_ELEMENT_PREFIX):
             return f"{element} is unexpanded xacro"
         for name, value in element.attributes.items():
-            if entries.get(name) is READ and _has_expression(value):
-                if name == "name":  # the text of the element contains the name already
+            is_read = entries.get(name) is READ
+            if is_read and _has_expression(value):
+                if name == "name":  # str(element) contains its name already
                     return f"{element} is unexpanded xacro"
                 attribute = shorten(f"{name}={value!r}")
                 return f"{element} is unexpanded xacro: {attribute}"
-        read_children = [
-            child
-            for child in element.children
-            if child.tag.startswith(_ELEMENT_PREFIX) or entries.get(f"<{child.tag}>") is READ
-        ]
-        # reversed, since the stack returns the last one first
-        stack.extend((child, _entries_of(child, element, rows)) for child in reversed(read_children))
+        for child in reversed(element.children):  # the stack returns the last one first
+            is_read = entries.get(f"<{child.tag}>") is READ
+            if is_read or child.tag.startswith(_ELEMENT_PREFIX):
+                stack.append((child, _entries_of(child, element, rows)))
     return ""
 
 
 def _has_expression(text: str) -> bool:
+    """True if a text contains ``${…}`` or ``$(…)``."""
     return any(start in text for start in _EXPRESSION_STARTS)
 
 
@@ -95,7 +95,9 @@ def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, 
     for name, value in arguments.items():
         if not isinstance(name, str) or not isinstance(value, str | int | float):
             raise _wrong_arguments(arguments)
-        texts[name] = str(value).lower() if isinstance(value, bool) else str(value)  # xacro writes true and false
+        texts[name] = str(value)
+        if isinstance(value, bool):  # xacro writes true and false
+            texts[name] = texts[name].lower()
     return texts
 
 
@@ -113,24 +115,27 @@ def expand_xacro(
 
     Files are read only below the file's folder and package, ``folders``, and the packages of ``ROS_PACKAGE_PATH`` and
     ``AMENT_PREFIX_PATH``. Raises MissingExtraError, UnknownNameError for undeclared arguments, and RobotFileError.
-    ``found`` is the clause of :func:`xacro_in` for the message of MissingExtraError.
+    ``found`` is the clause of :func:`xacro_in`, or empty. It begins the message of MissingExtraError.
     """
     is_installed = all(importlib.util.find_spec(package) is not None for package in ("xacrodoc", "xacro"))
     if not is_installed:
         advice = MissingExtraError.advice("xacro")
+        origin = path or "the text given"
+        reason = found or "it is xacro"
         raise MissingExtraError(
-            f"{path or 'the text given'}: {found or 'it is xacro'}. Reading it needs 'xacrodoc', which is not installed: "
-            f"{advice}. Or run {EXPAND} first, and load robot.urdf."
+            f"{origin}: {reason}. Reading it needs 'xacrodoc', which is not installed: {advice}. "
+            f"Or run {EXPAND} first, and load robot.urdf."
         )
 
     from ...core.child_process import ChildLimits, run_in_child
 
     limits = ChildLimits(MAX_SECONDS, MAX_MEMORY, output=_MAX_BYTES_PER_CHARACTER * MAX_BYTES)
     request = _request_to_child(text, path, arguments, folders)
+    # The answer has "declared", and either "text" or the "reason" of a failure.
     answer = run_in_child(
         "twistwrench.formats.xacro.expander:expand", request, limits=limits, error_of=_expansion_error
     )
-    declared = dict.fromkeys(answer["declared"])  # names in their order, each once
+    declared = dict.fromkeys(answer["declared"])  # names of the file's arguments in their order, each once
     if "text" not in answer:
         raise _expansion_error(answer["reason"], declared)
     for name in arguments:
@@ -145,9 +150,10 @@ def _expansion_error(reason: str, declared: Mapping[str, None] = MappingProxyTyp
     argument_sentence = ""
     if declared:
         argument_sentence = f" It declares the arguments {listed(declared)}."
+    folder_option = spell(Argument("include_paths", option="include-path"))
     return RobotFileError(
         f"xacro cannot expand it: {reason}.{argument_sentence} Folders of packages that are not above the file, and of other "
-        f"files that it reads, go into {spell(Argument('include_paths', option='include-path'))} or ROS_PACKAGE_PATH."
+        f"files that it reads, go into {folder_option} or ROS_PACKAGE_PATH."
     )
 
 
@@ -173,7 +179,7 @@ def _request_to_child(
 
 
 def _package_around(path: Path) -> list[Path]:
-    """The nearest folder above a file that is a package of ROS; empty if there is none."""
+    """List of the nearest folder above a file that is a package of ROS; empty if there is none."""
     for folder in path.resolve().parents:
         if (folder / "package.xml").is_file() or (folder / "manifest.xml").is_file():
             return [folder]

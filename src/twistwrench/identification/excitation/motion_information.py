@@ -36,9 +36,12 @@ from ..parameters import BaseParameters
 
 ROWS_PER_SECOND = 25.0
 """Number of independent rows per second: 2.5 per period of a cut-off of 10 Hz, as in :func:`identify`."""
-_WEIGHT_OF_MAXIMUM = 0.25  # Λ / (2 r), the weight of m for each group
-_MEDIAN_WIDTH = 0.7  # κ of the smoothed median: a factor of 2 between variances
-_MAXIMUM_WIDTH = 0.3  # κ of the smoothed maximum
+_WEIGHT_OF_MAXIMUM = 0.25
+"""Weight of m for each group: Λ / (2 r)."""
+_MEDIAN_WIDTH = 0.7
+"""κ of the smoothed median: a factor of 2 between variances."""
+_MAXIMUM_WIDTH = 0.3
+"""κ of the smoothed maximum."""
 Criterion = Literal["log_det", "deviations"]
 """Merit that a search maximises: the first or the second."""
 CRITERIA = get_args(Criterion)
@@ -49,10 +52,14 @@ class MotionInformation:
     """Information of motions of one robot with a fixed duration."""
 
     base: BaseParameters
-    noise: Array  # (nv,), standard deviation of each torque [N m, sliding joints: N]
-    friction_speed: Array  # (nv,) [rad/s, m/s]
-    duration: float  # [s]
-    prior: Array  # (r,), D: the largest plausible sizes of the groups
+    noise: Array
+    """Standard deviation (nv,) of each torque [N m, sliding joints: N]."""
+    friction_speed: Array
+    """Speeds (nv,) over which the sign of Coulomb friction is smoothed [rad/s, m/s]."""
+    duration: float
+    """Duration of each motion [s]."""
+    prior: Array
+    """D (r,): the largest plausible sizes of the groups."""
     criterion: Criterion = "log_det"
 
     def rows(self, q: Array, dq: Array, ddq: Array) -> Array:
@@ -64,10 +71,12 @@ class MotionInformation:
         import scipy.linalg
 
         weighted_rows = (W / self.noise[:, None]).reshape(-1, W.shape[-1])
-        A = weighted_rows.T @ weighted_rows * self._independent_share(W) + np.diag(self.prior**-2.0)
+        information_of_motion = weighted_rows.T @ weighted_rows * self._independent_share(W)
+        A = information_of_motion + np.diag(self.prior**-2.0)
         length = np.sqrt(A.diagonal())
-        factor = scipy.linalg.cho_factor(A / length[:, None] / length, lower=True, check_finite=False)
-        L, _ = factor
+        scaled_A = A / length[:, None] / length
+        factor = scipy.linalg.cho_factor(scaled_A, lower=True, check_finite=False)
+        L, _ = factor  # L and a flag of SciPy
         log_det = 2.0 * float(np.log(L.diagonal()).sum() + np.log(length).sum())
         scaled_inverse = scipy.linalg.cho_solve(factor, np.eye(len(A)), check_finite=False)
         return log_det, scaled_inverse / length[:, None] / length
@@ -85,18 +94,20 @@ class MotionInformation:
         """Merit for rows W (n, nv, r), and its derivative G (n, nv, r) by each entry of W."""
         log_det, inverse = self._inverse(W)
         variances = inverse.diagonal()
-        # merit = first_term - scale m, with derivative tr(by_A dA)
+        # The merit is first_term - scale m, and its derivative tr(by_A dA).
         group_count = len(inverse)
         if self.criterion == "deviations":
             m, weights = _smooth_median(np.log(variances))
             scale = float(group_count)
-            first_term, by_A = 0.0, np.zeros_like(inverse)
+            first_term = 0.0
+            by_A = np.zeros_like(inverse)
         else:
             m, weights = _smooth_maximum(np.log(variances / self.prior**2))
             scale = _WEIGHT_OF_MAXIMUM * group_count
-            first_term, by_A = log_det, inverse
+            first_term = log_det
+            by_A = inverse
         by_A = by_A + scale * (inverse * (weights / variances)) @ inverse
-        slope = 2.0 * self._independent_share(W) * (W @ by_A) / self.noise[:, None] ** 2
+        slope = 2.0 * self._independent_share(W) * (W @ by_A) / self.noise[:, None] ** 2  # G of the module's docstring
         return first_term - scale * m, slope
 
     @cached_property
@@ -129,7 +140,7 @@ class MotionInformation:
             "stribeck": (by_dq, stribeck_slope),
         }
         kinds = np.array(unknown.kinds)[self.base.kept]
-        joint_of_column = self.base.felt.argmax(axis=0)
+        joint_of_column = self.base.felt.argmax(axis=0)  # the first joint whose torque the column enters
         for kind, (by_rate, slope) in column_slopes.items():
             columns = np.flatnonzero(kinds == kind)
             joints = joint_of_column[columns]
@@ -145,7 +156,7 @@ class MotionInformation:
         """Condition number of the rows W (n, nv, r), in SI units."""
         singular_values = np.linalg.svd(W.reshape(-1, W.shape[-1]), compute_uv=False)
         largest, smallest = singular_values[0], singular_values[-1]
-        return float(largest / max(smallest, 1e-300))
+        return float(largest / max(smallest, 1e-300))  # no division by zero
 
 
 def _smooth_maximum(values: Array) -> tuple[float, Array]:
@@ -169,5 +180,6 @@ def _smooth_median(values: Array) -> tuple[float, Array]:
         return is_above(m).sum() - 0.5 * len(values)
 
     m = float(brentq(excess_count, values.min() - 1.0, values.max() + 1.0))
-    by_values = is_above(m) * (1.0 - is_above(m))  # S' times κ
+    share_above = is_above(m)
+    by_values = share_above * (1.0 - share_above)  # S' times κ
     return m, by_values / by_values.sum()

@@ -24,16 +24,16 @@ from ..rows import interpolate
 Hold = Literal["zero", "linear"]
 """Course of a command between its samples: held, or straight."""
 QUANTITIES = ("armature", "damping", "coulomb", "kp")
-"""Values of each joint, in the order of the unknowns.
+"""Parameters of the servo of each joint, in the order of the unknowns.
 
-The unknowns p are the logarithms of these four values for each joint in turn, and last the delay [s].
+The vector p of unknowns has the logarithms of these four for each joint in turn, and ends with the delay [s].
 """
 _ARMATURE, _DAMPING, _COULOMB, _STIFFNESS = range(len(QUANTITIES))
-"""Indices of the values."""
+"""Indices in :data:`QUANTITIES`."""
 SERVO_UNITS = {
     "armature": ("kg m^2", "kg"),
     "damping": ("N m s/rad", "N s/m"),
-    "coulomb": units_of("tau", (True, False)),
+    "coulomb": units_of("tau", (True, False)),  # of a turning and a sliding joint
     "kp": ("N m/rad", "N/m"),
 }
 """SI units of each value: of a turning joint, of a sliding joint."""
@@ -41,14 +41,15 @@ SERVO_UNITS = {
 
 def servo_unit(quantity: str, *, turning: bool) -> str:
     """SI unit of a value of a turning or a sliding joint."""
-    of_turning, of_sliding = SERVO_UNITS[quantity]
-    return of_turning if turning else of_sliding
+    turning_unit, sliding_unit = SERVO_UNITS[quantity]
+    return turning_unit if turning else sliding_unit
 
 
 LAWS = {"stribeck": 0.1, "presliding": 0.01, "falling": 1.0, "load": 0.0}
 """Other laws of friction, with their Stribeck speeds [rad/s, m/s].
 
-The first three have friction peaks of different widths around rest; friction of ``load`` depends on the carried torque.
+``load`` is friction that depends on the carried torque, without a Stribeck speed. The others are friction peaks around rest,
+of different widths.
 """
 _MAX_STATE_STEP = 2.5e-3
 """Longest time between stored states [s]; positions between them are cubic."""
@@ -63,7 +64,7 @@ _MIN_ARMATURE_SHARE = 0.1
 """Least armature used by the steps, as a share of the servo's armature."""
 _BATCH_BYTES = 96 * 2**20
 """Largest size of the commands of one batch [bytes]."""
-_BYTES_PER_FLOAT = 8
+_BYTES_PER_FLOAT = 8  # double precision
 _MIN_INITIAL_ROWS = 8
 """Least number of rows at the begin of a log from which its initial velocity is computed."""
 _MIN_INITIAL_SECONDS = 0.1
@@ -85,10 +86,10 @@ class ServoLog:
     def from_arrays(cls, time: Array, q: Array, command: Array) -> ServoLog:
         """Log of arrays; the initial velocity is the slope at time 0 of a cubic fitted to the first rows."""
         t = time - time[0]
-        rows_in_time = int(np.searchsorted(t, _MIN_INITIAL_SECONDS))
-        first_rows = slice(0, max(_MIN_INITIAL_ROWS, rows_in_time))
-        coefficients = np.polynomial.polynomial.polyfit(t[first_rows], q[first_rows], 3)
-        begin_velocity = coefficients[1]  # of the linear term
+        row_count = max(_MIN_INITIAL_ROWS, int(np.searchsorted(t, _MIN_INITIAL_SECONDS)))
+        first_rows = slice(0, row_count)
+        coefficients = np.polynomial.polynomial.polyfit(t[first_rows], q[first_rows], 3)  # of powers 0 to 3
+        begin_velocity = coefficients[1]  # slope at t = 0
         return cls(t, q, command, begin_velocity)
 
     @property
@@ -105,11 +106,11 @@ class ServoLog:
             return interpolate(begin + 0.5 * width, self.time, self.command)
         # the integral of a held command is piecewise linear between the times at which the command changes
         knots = np.concatenate([[-_HOLD_SECONDS], self.time[1:], [self.time[-1] + _HOLD_SECONDS]])
-        increments = np.diff(knots)[:, None] * self.command
-        zero_at_start = np.zeros((1, self.q.shape[1]))
-        integral = np.concatenate([zero_at_start, increments]).cumsum(axis=0)
+        increments = np.diff(knots)[:, None] * self.command  # of the integral between knots
+        start_value = np.zeros((1, self.q.shape[1]))
+        integral = np.concatenate([start_value, increments]).cumsum(axis=0)  # at the knots
         integral_to_end = interpolate(begin + width, knots, integral)
-        integral_to_begin = interpolate(begin + 0.0, knots, integral)
+        integral_to_begin = interpolate(begin, knots, integral)
         return np.asarray((integral_to_end - integral_to_begin) / width)
 
 
@@ -128,7 +129,7 @@ class ServoReplay:
     law: str = ""
     """Name of an additional law of friction in :data:`LAWS`; empty for Coulomb friction alone."""
     share: Array | None = None
-    """Coefficients (S, nv) of this law: shares of Coulomb friction; for ``load``, shares of the carried torque."""
+    """Coefficients (S, nv) of this law, as shares of Coulomb friction; of ``load``, as shares of the carried torque."""
     count: list[int] = field(default_factory=lambda: [0])
     """Number of rollouts so far, as the only entry of a list, since the replay itself is frozen."""
 
@@ -149,28 +150,31 @@ class ServoReplay:
     def _positions_of(self, log: ServoLog, p: Array) -> Array:
         """Positions (S, n, nv) of the rows of one log, computed in batches to limit memory."""
         steps_per_state = max(1, int(_MAX_STATE_STEP / self.step))  # from one stored state to the next
-        state_count = int(np.ceil(log.time[-1] / (steps_per_state * self.step)) + 1)
+        time_per_state = steps_per_state * self.step
+        state_count = int(np.ceil(log.time[-1] / time_per_state) + 1)
         steps = steps_per_state * state_count
         bytes_per_command = _BYTES_PER_FLOAT * steps * self.robot.nv
         batch_size = max(1, _BATCH_BYTES // bytes_per_command)
         share = np.zeros((len(p), self.robot.nv)) if self.share is None else self.share
         positions = list[Array]()
-        for k in range(0, len(p), batch_size):
-            batch = slice(k, k + batch_size)
+        for first in range(0, len(p), batch_size):
+            batch = slice(first, first + batch_size)
             positions.append(self._positions_of_batch(log, p[batch], share[batch], steps, steps_per_state))
         return np.concatenate(positions)
 
     def _positions_of_batch(self, log: ServoLog, p: Array, share: Array, steps: int, steps_per_state: int) -> Array:
         """Positions (S, n, nv) of the rows of one log, for all unknowns p (S, 4 nv + 1) together."""
         self.count[0] += len(p)
-        x = np.exp(p[:, :-1].reshape(len(p), -1, len(QUANTITIES)))  # (S, nv, 4)
+        logarithms = p[:, :-1].reshape(len(p), -1, len(QUANTITIES))  # without the delay
+        x = np.exp(logarithms)  # (S, nv, 4)
         h = self.step
-        begins = h * np.arange(steps)
+        begins = h * np.arange(steps)  # begin of each step [s]
         delays, delay_indices = np.unique(p[:, -1], return_inverse=True)  # most unknowns share one delay
         commands = np.stack([log.mean_command(begins - delay, h, self.hold) for delay in delays])
         reference = commands[delay_indices]
         armature, damping = self._stepped_values(x)
-        law = BatchPD(reference, x[:, None, :, _STIFFNESS], damping[:, None], gravity=False)
+        stiffness = x[:, None, :, _STIFFNESS]  # equal in all steps, which are axis 1
+        law = BatchPD(reference, stiffness, damping[:, None], gravity=False)
         parameters = self._parameters(armature, x[:, :, _COULOMB], share)
         begin_positions = np.broadcast_to(log.q[0], (len(p), len(log.q[0])))
         rollout = self.robot.rollout(
@@ -207,7 +211,7 @@ class ServoReplay:
 def _hermite(q: Array, dq: Array, time: Array, h: float) -> Array:
     """Values (S, m, nv) at times (m,) of cubics through values q and slopes dq (S, n, nv) at steps of h."""
     last_interval = q.shape[1] - 2
-    k = np.minimum((time / h).astype(int), last_interval)
+    k = np.minimum((time / h).astype(int), last_interval)  # interval of each time
     u = (time / h - k)[:, None]  # from 0 at step k to 1 at step k + 1
     first_weight = (1.0 + 2.0 * u) * (1.0 - u) ** 2
     last_weight = u**2 * (3.0 - 2.0 * u)

@@ -34,12 +34,14 @@ class BodyCoriolis:
     @classmethod
     def from_twist(cls, G: SpatialInertia, V: Array) -> BodyCoriolis:
         """Operator of a body with inertia G and twist V = (w, v): its points move with ẋ = v + w × r."""
-        w, v, h = V[:3], V[3:], G.first_moment
+        w, v = V[:3], V[3:]
+        h = G.first_moment
         K = so3.hat(w) @ G.second_moment + np.outer(v, h)
         p = so3.cross(w, h) + G.mass * v
         return cls(K, p)
 
     def __add__(self, other: BodyCoriolis) -> BodyCoriolis:
+        """Operator of both, joined."""
         return BodyCoriolis(self.K + other.K, self.p + other.p)
 
     def in_frame(self, T: Array) -> BodyCoriolis:
@@ -50,8 +52,10 @@ class BodyCoriolis:
         return BodyCoriolis(K, p)
 
     def __matmul__(self, V: Array) -> Array:
+        """B V."""
         w = V[:3]
-        return np.concatenate([self.K.trace() * w - self.K @ w, so3.cross(w, self.p)])
+        couple = self.K.trace() * w - self.K @ w
+        return np.concatenate([couple, so3.cross(w, self.p)])
 
     def transposed_times(self, V: Array) -> Array:
         """B' V, a pure couple."""
@@ -74,7 +78,7 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
     for i, body in enumerate(model.bodies):
         for k, S_i in enumerate(body.joint.axes):
             dS_i = ad(V[i]) @ S_i
-            # Wrenches of (1) and (2), in the frame of body i and then of each ancestor
+            # Wrenches of (1) and (2) in the frame of body i; the loop moves them to the frame of each ancestor j.
             F = G[i] @ dS_i + B[i] @ S_i
             GS = G[i] @ S_i
             BS = B[i].transposed_times(S_i)
@@ -97,6 +101,6 @@ def christoffel(model: Model, q: Array) -> Array:
     C is linear in dq, so Γ_··k is C at the k-th unit velocity.
     """
     gamma = zeros(model.nv, model.nv, model.nv)
-    for k, unit_velocity in enumerate(np.eye(model.nv).astype(object)):
+    for k, unit_velocity in enumerate(np.eye(model.nv).astype(object)):  # objects, as symbols are
         gamma[:, :, k] = coriolis_matrix(model, q, unit_velocity)
     return gamma

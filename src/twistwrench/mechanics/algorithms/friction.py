@@ -13,15 +13,16 @@ from ..model.model import Model
 
 
 def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:
-    """Torques (nv,) that overcome friction at dq, for joints that transmit the torques ``load``; None: none."""
+    """Torques (nv,) that overcome friction at dq; ``load`` (nv,) are the transmitted torques, None to leave them out."""
     u = motor_velocities(model, dq)
     drive_load = None if load is None else motor_torques(model, load)
     return np.asarray(joint_torques(model, _drive_friction(model, u, drive_load)))
 
 
 def _drive_friction(model: Model, u: Array, load: Array | None = None) -> Array:
-    """Torques (nv,) of the friction law at the velocities u of drives that transmit the torques ``load``; None: none."""
-    friction, direction = model.friction, signs(u)
+    """Torques (nv,) of the friction law at velocities u of drives; ``load`` (nv,) are their torques, None to leave them out."""
+    friction = model.friction
+    direction = signs(u)
     tau = friction.viscous * u + direction * _dry_friction(model, u)
     if load is not None:
         tau = tau + direction * friction.load * (signs(load) * load)
@@ -65,7 +66,8 @@ def dry_friction_indices(model: Model) -> list[int]:
     """Indices of the velocities with dry friction."""
     friction = model.friction
     dry_parameters = zip(friction.coulomb, friction.static, friction.load, strict=True)
-    return [k for k, parameters in enumerate(dry_parameters) if not all(map(is_zero, parameters))]
+    has_dry_friction = [not all(map(is_zero, parameters)) for parameters in dry_parameters]
+    return [k for k, has_friction in enumerate(has_dry_friction) if has_friction]
 
 
 def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
@@ -82,14 +84,15 @@ def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
         after_viscous = tau[k] - model.friction.viscous[k] * dq[k]
         for bounds, direction in ((backward, -1.0), (forward, 1.0)):
             y = after_viscous - direction * dry[k]
-            bounds[k] = dry[k] + load_factor * (abs(y) / (1.0 + direction * load_factor * y.sign()))
+            transmitted = abs(y) / (1.0 + direction * load_factor * y.sign())
+            bounds[k] = dry[k] + load_factor * transmitted
     return backward, forward
 
 
 def _dry_friction(model: Model, dq: Array) -> Array:
     """Coulomb friction c plus the part of static friction s that remains at the speeds dq: c + (s - c) exp(-(dq/v)²); (nv,)."""
     friction = model.friction
-    dry = np.full(dq.shape, 0.0, object)
+    dry = np.full(dq.shape, 0.0, object)  # of numbers or symbols
     laws = zip(friction.coulomb, friction.static, friction.stribeck, dq, strict=True)
     for k, (c, s, v, speed) in enumerate(laws):
         if _are_equal(c, s):
@@ -101,7 +104,8 @@ def _dry_friction(model: Model, dq: Array) -> Array:
 
 def _are_equal(a: Any, b: Any) -> bool:
     """True if two numbers are equal; a symbol equals only itself."""
-    return a is b or (isinstance(a, float) and isinstance(b, float) and a == b)
+    are_numbers = isinstance(a, float) and isinstance(b, float)
+    return a is b or (are_numbers and a == b)
 
 
 def is_zero(x: Any) -> bool:
@@ -129,7 +133,7 @@ def signs(x: Array) -> Array:
 def positive(x: Any) -> Any:
     """1 if a number is above 0, else 0."""
     (sign,) = signs(np.array([x], object))
-    return 0.5 * (sign + sign * sign)
+    return 0.5 * (sign + sign * sign)  # 0 for the signs -1 and 0
 
 
 def either(which: Any, a: Any, b: Any) -> Any:

@@ -14,7 +14,7 @@ from .shells import edges_of, nest, shell_numbers, winding
 _MIN_WINDING = 0.5
 """Winding number above which a point counts as inside.
 
-A closed shell has a whole number. An open shell with a larger number covers more than half of the directions from the point.
+The number of a closed shell is whole. An open shell above the minimum covers more than half of the directions from the point.
 """
 
 
@@ -25,7 +25,7 @@ class Shell:
     triangles: Array
     """Corners of its k faces (k, 3, 3) [m]."""
     closed: bool
-    """True if every edge belongs to two faces, or to another even number of faces."""
+    """True if every edge belongs to an even number of faces, usually two."""
 
     @cached_property
     def box(self) -> tuple[Array, Array]:
@@ -33,18 +33,20 @@ class Shell:
         return self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
 
     def around(self, point: Array) -> Array | None:
-        """Faces (k, 3, 3), turned outward, if the shell is around the point (3,); otherwise None."""
+        """Triangles (k, 3, 3) with outward normals if the shell encloses the point (3,); otherwise None."""
         low, high = self.box
         is_in_box = ((low < point) & (point < high)).all()
         if not is_in_box:
             return None
         winding_numbers = winding(point[None], self.triangles)
         winding_number = float(winding_numbers[0])
-        is_on_face = math.isnan(winding_number)
+        is_on_face = math.isnan(winding_number)  # see :func:`.shells.winding`
         if is_on_face or abs(winding_number) <= _MIN_WINDING:
             return None
-        are_outward = winding_number > 0
-        return self.triangles if are_outward else self.triangles[:, ::-1]  # the other order of corners
+        normals_point_outward = winding_number > 0
+        return (
+            self.triangles if normals_point_outward else self.triangles[:, ::-1]
+        )  # reversed corners, opposite normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +70,8 @@ class Enclosure:
             return ()
         _, shell_of_face = shell_numbers(self.faces)
         order = np.argsort(shell_of_face, kind="stable")  # faces of a shell adjoin, in their order in the mesh
-        shell_changes = np.diff(shell_of_face[order])
-        first_faces = np.flatnonzero(shell_changes) + 1  # of all shells after the first
+        is_last_of_shell = np.diff(shell_of_face[order]) != 0  # followed by a face of another shell
+        first_faces = np.flatnonzero(is_last_of_shell) + 1  # of all shells after the first
         faces_of_shells = np.split(self.faces[order], first_faces)
         return tuple(_shell(self.vertices, faces) for faces in faces_of_shells)
 
@@ -78,7 +80,7 @@ class Enclosure:
 
         Parameters
         ----------
-        points : (n, 3) array [m], not separated by a face: the first point is tested for all
+        points : (n, 3) array [m], not separated by a face, so that the first point decides for all
 
         Returns
         -------
@@ -105,13 +107,13 @@ class Enclosure:
             else:
                 is_in_open_shell = True
         if faces_of_closed_shells:
-            count = len(faces_of_closed_shells)
+            shell_count = len(faces_of_closed_shells)
             face_counts = [len(faces) for faces in faces_of_closed_shells]
-            shell_of_face = np.repeat(np.arange(count), face_counts)
-            nesting = nest(np.concatenate(faces_of_closed_shells), shell_of_face, count)
+            shell_of_face = np.repeat(np.arange(shell_count), face_counts)
+            nesting = nest(np.concatenate(faces_of_closed_shells), shell_of_face, shell_count)
             depth_of_innermost = int(nesting.depth.max())
             innermost_bounds_solid = depth_of_innermost % 2 == 0  # shells of odd depth bound cavities
-            if nesting.cutting or innermost_bounds_solid:
+            if nesting.cutting or innermost_bounds_solid:  # shells that cut each other bound no cavity
                 return True
         return None if is_in_open_shell else False
 
@@ -136,7 +138,7 @@ class Enclosure:
 
 
 def _shell(vertices: Array, faces: Array) -> Shell:
-    """Shell of some faces (k, 3) of a mesh."""
+    """Shell of the given faces (k, 3), which are connected."""
     edges = np.sort(edges_of(faces), axis=1)
     _, faces_per_edge = np.unique(edges, axis=0, return_counts=True)
     closed = bool((faces_per_edge % 2 == 0).all())

@@ -35,16 +35,16 @@ class MeshPart(NamedTuple):
     vertices: Array
     """Positions (n, 3)."""
     faces: Array
-    """(k, 3) vertex numbers."""
+    """Vertex numbers (k, 3), from 0."""
     colour: tuple[float, float, float] | None
-    """Colour in the file; trimesh's default grey is ignored."""
+    """Red, green and blue in the file, 0 to 1 each; None without a colour."""
 
 
 def read_parts(path: Path) -> list[MeshPart]:
     """Parts of a mesh file that trimesh reads.
 
-    Raises MissingExtraError and NotFoundError. Raises ModelError whose text is a sentence without its subject, the mesh.
-    Materials and buffers in other files are read only from the folder of the mesh and from folders below.
+    Raises MissingExtraError, NotFoundError and ModelError. The text of a ModelError lacks its subject, the mesh. Materials and
+    buffers in other files are read only from the folder of the mesh and from folders below.
     """
     try:
         import trimesh
@@ -58,14 +58,15 @@ def read_parts(path: Path) -> list[MeshPart]:
         for node in scene.graph.nodes_geometry:
             T, name = scene.graph[node]  # pose in the file's frame, name of the mesh
             mesh = scene.geometry[name]
-            face_count = len(getattr(mesh, "faces", ()))  # points and lines have no faces
-            if face_count == 0:
+            faces = getattr(mesh, "faces", ())  # points and lines have none
+            if len(faces) == 0:
                 continue
-            shape = np.shape(mesh.vertices)
+            shape = np.shape(mesh.vertices)  # (n, 3) as a rule
             if shape[1:] != (3,):
                 raise ModelError(f"has vertices of {shape[-1]} numbers, and three are needed")
             check_faces(mesh.faces, len(mesh.vertices))
-            vertices = np.asarray(mesh.vertices, float) @ T[:3, :3].T + T[:3, 3]
+            R, p = T[:3, :3], T[:3, 3]
+            vertices = np.asarray(mesh.vertices, float) @ R.T + p
             parts.append(MeshPart(vertices, np.asarray(mesh.faces, np.int64), _colour_of(mesh)))
     if not parts:
         raise ModelError("holds no triangles")
@@ -74,10 +75,11 @@ def read_parts(path: Path) -> list[MeshPart]:
 
 def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
     """Main colour of a mesh: red, green, blue, 0 to 1 each; None if the file has no colour."""
-    if mesh.visual.kind not in ("texture", "face", "vertex"):
+    if mesh.visual.kind not in ("texture", "face", "vertex"):  # trimesh's default grey
         return None
     source = mesh.visual.material if mesh.visual.kind == "texture" else mesh.visual
-    r, g, b = (np.asarray(source.main_color[:3], float) / 255).tolist()
+    bytes_of_colour = np.asarray(source.main_color[:3], float)  # without opacity
+    r, g, b = (bytes_of_colour / 255).tolist()
     return r, g, b
 
 
@@ -110,8 +112,8 @@ def _scene(path: Path, trimesh: Any) -> Any:
 
 
 def check_faces(faces: Any, count: int) -> None:
-    """Raise ModelError, a sentence without its subject, for a face whose vertex number is not among ``count`` vertices."""
-    lowest, highest = int(faces.min()), int(faces.max())
+    """Raise ModelError for a face with a number that is not of one of ``count`` vertices; its text lacks the subject."""
+    lowest, highest = int(faces.min()), int(faces.max())  # vertex numbers
     if lowest < 0 or highest >= count:
         wrong_number = highest if highest >= count else lowest
         raise ModelError(f"has a face of vertex {wrong_number}, and {count} vertices")

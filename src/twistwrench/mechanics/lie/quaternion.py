@@ -20,13 +20,14 @@ def rotation(quat: ArrayLike) -> Array:
     A zero quaternion raises :class:`~twistwrench.ValueRangeError`.
     """
     quat = arguments.array(quat, "quaternion.rotation: quat", 4)
-    # The factor square / square is 1. It is NaN if the square overflows, where the result would be a wrong rotation without it.
+    # The factor square / square is 1, or NaN if the square overflows. Without it, an overflow would give a wrong rotation.
     if quat.ndim == 1 and quat.dtype == np.float64:  # for four numbers, floats are faster than NumPy
         w, x, y, z = quat.tolist()
         square = w * w + x * x + y * y + z * z
         if square == 0.0:
-            _require_nonzero(np.zeros(()), "quaternion.rotation: quat")  # raises
-        return np.array(entries(w, x, y, z, 2.0 / square * (square / square))).reshape(3, 3)
+            _require_nonzero(np.zeros(()), "quaternion.rotation: quat")  # a size of zero, which raises
+        nine_numbers = entries(w, x, y, z, 2.0 / square * (square / square))
+        return np.array(nine_numbers).reshape(3, 3)
     w, x, y, z = np.moveaxis(quat, -1, 0)
     square = w * w + x * x + y * y + z * z
     if quat.dtype != object:
@@ -41,12 +42,17 @@ def entries(w: Any, x: Any, y: Any, z: Any, s: Any) -> list[Any]:
     wx, wy, wz = w * sx, w * sy, w * sz  # these and all other products contain s
     xx, xy, xz = x * sx, x * sy, x * sz
     yy, yz, zz = y * sy, y * sz, z * sz
-    return [1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy)]
+    return [
+        *(1 - (yy + zz), xy - wz, xz + wy),
+        *(xy + wz, 1 - (xx + zz), yz - wx),
+        *(xz - wy, yz + wx, 1 - (xx + yy)),
+    ]
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Product a b (first b, then a); (..., 4), (..., 4) → (..., 4)."""
-    a, b = arguments.array(a, "quaternion.multiply: a", 4), arguments.array(b, "quaternion.multiply: b", 4)
+    a = arguments.array(a, "quaternion.multiply: a", 4)
+    b = arguments.array(b, "quaternion.multiply: b", 4)
     a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
     b0, b1, b2, b3 = np.moveaxis(b, -1, 0)
     try:
@@ -67,9 +73,9 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
 def exp(w: ArrayLike) -> Array:
     """Unit quaternion of the exponential coordinates w; (..., 3) → (..., 4)."""
     w = np.asarray(arguments.real(w, "quaternion.exp: w", 3), float)
-    w, angle = within_reach(w)
-    half = 0.5 * angle[..., None]
-    return np.concatenate([np.cos(half), 0.5 * series.sinc(half) * w], axis=-1)
+    w, angle = within_reach(w)  # angle: |w|
+    half_angle = 0.5 * angle[..., None]
+    return np.concatenate([np.cos(half_angle), 0.5 * series.sinc(half_angle) * w], axis=-1)
 
 
 def log(quat: ArrayLike) -> Array:
@@ -80,8 +86,8 @@ def log(quat: ArrayLike) -> Array:
     q = np.asarray(arguments.real(quat, "quaternion.log: quat", 4), float)
     largest_entry = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
     _require_nonzero(largest_entry[..., 0], "quaternion.log: quat")
-    _, exponent = np.frexp(largest_entry)
-    q = np.ldexp(q, -exponent)  # squares neither overflow nor underflow
+    _, exponent = np.frexp(largest_entry)  # of two
+    q = np.ldexp(q, -exponent)  # divided by a power of two, so that squares neither overflow nor underflow
     q = np.where(q[..., :1] < 0, -q, q)  # the same rotation, by the angle up to π
     w, v = q[..., :1], q[..., 1:]
     norm = np.linalg.norm(v, axis=-1, keepdims=True)
@@ -97,12 +103,15 @@ _MIN_NORM = 1e-150
 
 
 def _require_nonzero(size: Array, what: str) -> None:
-    """Raise ValueRangeError for zero quaternions, given their sizes (...) by any measure; ``what`` names the argument."""
+    """Raise ValueRangeError if a quaternion is zero; ``what`` names the argument.
+
+    ``size`` (...) are norms, squared norms or largest entries of the quaternions.
+    """
     if not size.all():  # NaN counts as true
         first_zero = np.argwhere(size == 0)[0]
-        row = tuple(map(int, first_zero))
-        where = f" in row {row}" if row else ""
-        raise ValueRangeError(f"{what} is zero{where}, which is not a rotation; the identity is (1, 0, 0, 0).")
+        row = tuple(map(int, first_zero))  # empty for a single quaternion
+        row_text = f" in row {row}" if row else ""
+        raise ValueRangeError(f"{what} is zero{row_text}, which is not a rotation; the identity is (1, 0, 0, 0).")
 
 
 _MATRIX = "quaternion.from_matrix: R"
@@ -129,7 +138,7 @@ def from_matrix(R: ArrayLike) -> Array:
         K[..., j + 1, k + 1] = K[..., k + 1, j + 1] = R[..., j, k] + R[..., k, j]
     squares = np.diagonal(K, axis1=-2, axis2=-1)  # 4 q_k²
     best_row = np.argmax(squares, axis=-1)
-    chosen_rows = np.take_along_axis(K, best_row[..., None, None], axis=-2)
+    chosen_rows = np.take_along_axis(K, best_row[..., None, None], axis=-2)  # (..., 1, 4)
     quat = chosen_rows[..., 0, :]
     quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
-    return np.where(quat[..., :1] < 0, -quat, quat)
+    return np.where(quat[..., :1] < 0, -quat, quat)  # w ≥ 0

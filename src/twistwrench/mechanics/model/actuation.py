@@ -23,7 +23,7 @@ from .model import BASE, Body, Model, Spring
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
-    """Model with joints driven by these actuators. They replace motors without a rotor, such as those of robot files.
+    """Model with joints driven by these actuators. They replace a joint's motors without a rotor, as in robot files.
 
     Raises :class:`~twistwrench.UnknownNameError` for unknown joints and links, :class:`~twistwrench.ModelError` if a
     joint cannot be driven this way or has an actuator, and :class:`~twistwrench.InertiaError` if a link cannot contain
@@ -61,20 +61,21 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
         k = model.drive_index(joint)
         link_law = _full_law(joint, law)
         gear_law = {name: float(getattr(friction, name)[k]) for name in LAWS}
-        # the Stribeck speed has an effect only in a law with static friction above Coulomb friction
-        stribeck_speeds = [law["stribeck"] for law in (gear_law, link_law) if law["static"] > law["coulomb"]]
+        # A Stribeck speed has an effect only in a law with static friction above Coulomb friction.
+        stribeck_speeds = [part["stribeck"] for part in (gear_law, link_law) if part["static"] > part["coulomb"]]
         if len(set(stribeck_speeds)) > 1:
             raise ModelError(
                 f"the friction and the link_friction of joint {joint!r}, on one coordinate as its gear is rigid, have two "
                 "Stribeck speeds. Give both the same one, or one of them no static friction."
             )
-        total = {name: gear_law[name] + link_law[name] for name in LAWS if name != "stribeck"}
-        if total["load"] >= 1:
+        sums = {name: gear_law[name] + link_law[name] for name in LAWS if name != "stribeck"}
+        load_friction = sums["load"]
+        if load_friction >= 1:
             raise ValueRangeError(
-                f"load friction of joint {joint!r} adds up to {printed(total['load'])}; it must be below 1."
+                f"load friction of joint {joint!r} adds up to {printed(load_friction)}; it must be below 1."
             )
         stribeck = stribeck_speeds[0] if stribeck_speeds else gear_law["stribeck"]
-        friction = friction.replaced(k, **total, stribeck=stribeck)
+        friction = friction.replaced(k, **sums, stribeck=stribeck)
     return replace(model, friction=friction)
 
 
@@ -89,7 +90,8 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
             f"the static friction of joint {joint!r} is above its Coulomb friction, so there is a speed at which the one "
             "goes over into the other: give stribeck, such as 0.05 rad/s."
         )
-    full_law = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
+    no_effect = 1.0  # any Stribeck speed, as static equals Coulomb friction
+    full_law = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": no_effect, "load": 0.0, **law}
     for name, value in full_law.items():
         if not 0 <= value <= MAX_DRIVE_NUMBER:
             raise ValueRangeError(
@@ -111,10 +113,11 @@ def _with_actuator(model: Model, actuator: Actuator) -> Model:
     k = model.drive_index(actuator.joint)
     driven_body = next(body for body in model.leaders if body.v_index == k)
     driven_joints = {other.joint for other in model.actuators.values()}
-    if actuator.joint in model.actuators or actuator.joint in driven_joints:
+    if actuator.joint in model.actuators or actuator.joint in driven_joints:  # as a motor's name, or as its joint
         raise ModelError(f"joint {actuator.joint!r} has an actuator already. Describe it once.")
     check_actuator(actuator)
-    if actuator.joint in model.drive_names and actuator.joint != driven_body.joint.name:
+    is_coupled_motor = actuator.joint in model.drive_names and actuator.joint != driven_body.joint.name
+    if is_coupled_motor:
         return _with_coupled_motor(model, actuator, k)
     is_elastic = np.isfinite(actuator.stiffness)
     name = f"{actuator.joint}.motor" if is_elastic else actuator.joint
@@ -134,13 +137,15 @@ def _with_actuator(model: Model, actuator: Actuator) -> Model:
     model, rotor_body = _with_rotor_mounted(model, driven_body, actuator, actuator.rotor)
     if is_elastic:
         motor_joint = replace(rotor_body.joint, name=name)
-        model, rotor_body = _with_motor_coordinate(model, driven_body, actuator, replace(rotor_body, joint=motor_joint))
+        rotor_body = replace(rotor_body, joint=motor_joint)
+        model, rotor_body = _with_motor_coordinate(model, driven_body, actuator, rotor_body)
     return replace(model, bodies=(*model.bodies, rotor_body), actuators={**model.actuators, name: actuator})
 
 
 _NOTE_ON_COUPLES = (
     "rotors of coupled motors count by their inertia about their axes; their gyroscopic couples are left out"
 )
+"""Note on a model with such a rotor."""
 
 
 def _with_coupled_motor(model: Model, actuator: Actuator, k: int) -> Model:
@@ -171,8 +176,8 @@ def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: R
     """Model in which the carrying link does not include the rotor's inertia any more; and the rotor as a body."""
     carrier, reference, axis = _rotor_mount(model, driven, rotor)
     placement = reference @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
-    # A thin ring: moment J about the axis, J/2 about transverse axes. The link loses the whole ring and carries it as a rotor,
-    # so the transverse moments have no effect.
+    # A thin ring: moment J about the axis, J/2 about transverse axes. The link loses these moments and carries the ring as a
+    # rotor, so the transverse moments have no effect.
     axial = rotor.inertia * np.outer(axis, axis)
     transverse = 0.5 * (rotor.inertia * np.eye(3) - axial)
     G = SpatialInertia.from_com(rotor.mass, np.zeros(3), axial + transverse)
@@ -195,8 +200,8 @@ def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: R
 def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: float) -> None:
     """Raise an error if a link has less inertia than its rotors about their axes: M would not be positive definite.
 
-    ``axis`` (in the link's frame) and J belong to the new rotor. Rotors whose inertia was subtracted from the link earlier are
-    added back. Moments of rotors about other axes are unknown and have no effect.
+    ``axis`` (3,) in the link's frame and J [kg m²] are of the new rotor. The inertias of earlier rotors, which were subtracted
+    from the link, are added back. Moments of rotors about other axes are unknown and have no effect.
     """
     body = model.bodies[carrier]
     whole_inertia = body.inertia  # of the link with its rotors
@@ -225,7 +230,9 @@ _MAX_ROUNDING = 1e-9
 def is_in_link_mass(model: Model, rotor: Body) -> bool:
     """True if the mass of the carrying link in the file includes the rotor."""
     name = rotor.joint.name
-    actuator = model.actuators.get(name) or model.actuators[name.removesuffix(".rotor")]
+    actuator = model.actuators.get(name)
+    if actuator is None:
+        actuator = model.actuators[name.removesuffix(".rotor")]
     return actuator.rotor is not None and not actuator.rotor.extra
 
 
@@ -251,7 +258,9 @@ def _axis(joint: Joint, rotor: Rotor) -> Array:
     omega, v = joint.axes[0, :3], joint.axes[0, 3:]
     joint_axis = omega if omega.any() else v
     axis = np.asarray(joint_axis if rotor.axis is None else rotor.axis, float)
-    length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
+    length = 0.0  # not a direction
+    if axis.shape == (3,):
+        length = float(np.linalg.norm(axis))
     if not 0 < length < np.inf:
         raise ModelError(
             f"the axis of the rotor of joint {joint.name!r} is {rotor.axis!r}; give a direction such as 0, 0, 1."
@@ -265,19 +274,20 @@ def _with_motor_coordinate(model: Model, driven: Body, actuator: Actuator, rotor
     The second result is the rotor, which moves by the new coordinate. The motor takes over the limits of speed and effort, and
     the friction of motor and gear. Only the spring drives the joint.
     """
-    k, inf = driven.v_index, np.inf
-    old = model.limits
-    remaining_effort = np.where(np.arange(model.nv) == k, inf, old.effort)
-    arrays = {
-        field.name: np.append(getattr(old, field.name), inf) for field in fields(Limits)
-    }  # the motor has no limits
+    k = driven.v_index
+    inf = np.inf
+    old_limits = model.limits
+    effort_without_joint = np.where(np.arange(model.nv) == k, inf, old_limits.effort)
+    # The motor has no limits except those that it takes over.
+    arrays = {field.name: np.append(getattr(old_limits, field.name), inf) for field in fields(Limits)}
     arrays |= {
-        "lower": np.append(old.lower, -inf),
-        "velocity": np.append(old.velocity, old.velocity[k]),
-        "effort": np.append(remaining_effort, old.effort[k]),
+        "lower": np.append(old_limits.lower, -inf),
+        "velocity": np.append(old_limits.velocity, old_limits.velocity[k]),
+        "effort": np.append(effort_without_joint, old_limits.effort[k]),
     }
     limits = Limits(**arrays)
-    spring = Spring(((actuator.joint, 1.0), (rotor.joint.name, -1.0)), actuator.stiffness)
+    stretch = ((actuator.joint, 1.0), (rotor.joint.name, -1.0))  # joint minus motor
+    spring = Spring(stretch, actuator.stiffness)
     rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
     friction = model.friction.extended().moved(k, model.nv)
     configurations = {name: np.append(q, q[driven.q_index]) for name, q in model.configurations.items()}

@@ -29,14 +29,14 @@ _PLANAR = (
     " A thin rod has the same moment about both axes across it: diag([0, I, I]) if it lies along x. In a planar problem the "
     "second one has no effect on the result."
 )
-"""Sentences that the error on a body with a moment about one axis only ends with."""
+"""Last sentences of the error on a body with a moment about one axis only."""
 
 
 def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
     """Violated conditions of physical consistency, as text with amounts; empty for a consistent inertia.
 
     Without mass, only the rotational inertia is checked: files give moments without mass to rotors whose mass is counted
-    elsewhere. ``size`` [kg m²] is the size of the summed moments, which determines rounding errors.
+    elsewhere. ``size`` [kg m²] is the size of the moments whose sum the inertia is; it determines rounding errors.
     """
     moments = inertia.parameters[4:]
     if inertia.mass == 0 and moments.any():
@@ -46,10 +46,10 @@ def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
 
 
 def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model, list[str]]:
-    """Check each moving body with its fixed links, and note doubtful single links; returns the model, repaired, and the notes.
+    """Check each moving body with its fixed links, then single links; returns the model and notes.
 
-    ``link`` returns a link's name in messages. Raises :class:`~twistwrench.InertiaError` under the policy ``error``, with the
-    inconsistent bodies.
+    Under the policy ``repair``, the returned model has consistent bodies. Under the policy ``error``, an inconsistent body
+    raises :class:`~twistwrench.InertiaError`. ``link`` returns a link's name in messages.
     """
     remarks: list[str] = []
     errors: list[str] = []
@@ -63,15 +63,16 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
         if not violations:
             continue
         impossible_bodies.add(i)
-        text = f"{_body_label(model, i, link)} cannot exist: {'; '.join(violations)}"
+        label = _body_label(model, i, link)
+        sentence = f"{label} cannot exist: {'; '.join(violations)}"
         if policy == "error":
-            errors.append(text)
+            errors.append(sentence)
             has_planar_body = has_planar_body or _has_one_moment(inertia)
         elif policy == "accept":
-            remarks.append(f"{text}; accepted as it is")
+            remarks.append(f"{sentence}; accepted as it is")
         else:
-            bodies[i], change = _repair(bodies[i])
-            remarks.append(f"{text}; repaired, {change}")
+            bodies[i], change_text = _repair(bodies[i])
+            remarks.append(f"{sentence}; repaired, {change_text}")
     if errors:
         raise InertiaError(_error_message(errors, has_planar_body))
     remarks.extend(_link_remarks(model, impossible_bodies, link))
@@ -96,10 +97,12 @@ def _error_message(errors: Sequence[str], has_planar_body: bool) -> str:
         addition = f" {len(errors) - _MAX_LISTED_BODIES} more cannot exist either."
     if has_planar_body:
         addition += _PLANAR
+    listed_errors = ". ".join(errors[:_MAX_LISTED_BODIES])
+    repair_option = argument("inertia", "repair")
+    accept_option = argument("inertia", "accept")
     return (
-        f"{'. '.join(errors[:_MAX_LISTED_BODIES])}.{addition} Correct the numbers, or load with "
-        f"{argument('inertia', 'repair')} to take the nearest "
-        f"valid ones, or with {argument('inertia', 'accept')} to keep them."
+        f"{listed_errors}.{addition} Correct the numbers, or load with {repair_option} to take the nearest "
+        f"valid ones, or with {accept_option} to keep them."
     )
 
 
@@ -109,28 +112,30 @@ def _consistent_mask(inertias: Sequence[SpatialInertia]) -> Array:
     with np.errstate(all="ignore"):
         m, h = parameters[:, 0], parameters[:, 1:4]
         c = h / m[:, None]
-        I_origin = parameters[:, [4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(-1, 3, 3)
+        tensor_entries = [4, 5, 7, 5, 6, 8, 7, 8, 9]  # xx xy xz, xy yy yz, xz yz zz in the order of the parameters
+        I_origin = parameters[:, tensor_entries].reshape(-1, 3, 3)
         # Steiner's theorem: I_com = I_origin - h·c 1 + h c'
         I_com = I_origin - (h * c).sum(axis=1)[:, None, None] * np.eye(3) + h[:, :, None] * c[:, None, :]
-        is_known = np.isfinite(I_com).all(axis=(1, 2)) & (m > 0)
-        known_I_com = np.where(is_known[:, None, None], I_com, 0.0)
-        low, middle, high = np.linalg.eigvalsh(known_I_com).T  # principal moments
-    return np.asarray(is_known & (low > 0) & (low + middle >= high))
+        has_tensor = np.isfinite(I_com).all(axis=(1, 2)) & (m > 0)
+        finite_I_com = np.where(has_tensor[:, None, None], I_com, 0.0)
+        low, middle, high = np.linalg.eigvalsh(finite_I_com).T  # principal moments
+    return np.asarray(has_tensor & (low > 0) & (low + middle >= high))
 
 
 def moved_moments(model: Model, index: int) -> float:
-    """Sum [kg m²] of the sizes of the moments of a body's links, each moved to the body's frame; it sets rounding errors."""
+    """Size [kg m²] of the moments that add up to a body's inertia: of its links, each moved to the body's frame."""
     total = 0.0
     for name, frame in model.frames.items():
         if frame.body == index:
-            G, p = model.link_inertias[name], frame.pose[:3, 3]
+            G = model.link_inertias[name]
+            p = frame.pose[:3, 3]
             size = abs(float(G.moment_about_origin.trace()))
             total += size + float(G.mass * p @ p)
     return total
 
 
 def _body_label(model: Model, index: int, link: Callable[[str], str]) -> str:
-    """Name of the body by its links: by inconsistent links if there are any, otherwise by all links with an inertia."""
+    """Names of the body's inconsistent links, or of all its links with an inertia; and the joint that moves the body."""
     links_of_body = [name for name, frame in model.frames.items() if frame.body == index]
     members = [name for name in links_of_body if model.link_inertias[name].parameters.any()]
     inconsistent = [name for name in members if reasons(model.link_inertias[name])]
@@ -167,7 +172,7 @@ def _link_remarks(model: Model, impossible_bodies: set[int], link: Callable[[str
         max_zero = _MAX_STEINER_ROUNDING * np.abs(moments).max()
         if inertia.mass and np.abs(inertia.moment_about_com).max() <= max_zero:
             remarks.append(ModelNote(link(name), "has mass but zero inertia, as a point mass has"))
-        violations = reasons(inertia)
+        violations = reasons(inertia)  # may be empty, with its tolerances
         if violations and body not in impossible_bodies:
             effect = "does not move" if body == BASE else "is fused into a physically consistent body"
             remarks.append(ModelNote(link(name), f"cannot exist by itself ({'; '.join(violations)}) but {effect}"))
@@ -198,7 +203,7 @@ def massless_links(model: Model) -> tuple[str, ...]:
     for i in reversed(range(n)):  # children before parents
         body = model.bodies[i]
         if body.parent != BASE:
-            distance = max(map(abs, body.placement[:3, 3].tolist()))
+            distance = float(np.abs(body.placement[:3, 3]).max())  # along the farthest axis
             carries_inertia[body.parent] |= carries_inertia[i]
             has_distant_joint[body.parent] |= distance > _MAX_ROUNDING
     for link, frame in model.frames.items():
@@ -207,6 +212,7 @@ def massless_links(model: Model) -> tuple[str, ...]:
     is_physical = has_shape if model.shaped else has_distant_joint
     massless: set[str] = set()
     for i, body in enumerate(model.bodies):
-        if not has_inertia[i] and (not carries_inertia[i] or is_physical[i]):
+        lacks_inertia = is_physical[i] or not carries_inertia[i]
+        if lacks_inertia and not has_inertia[i]:
             massless.add(body.link)
     return tuple(link for link in model.frames if link in massless)

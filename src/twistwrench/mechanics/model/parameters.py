@@ -47,12 +47,12 @@ def regrouped(model: Model) -> Model:
 
 
 def _part_without_effect(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
-    """Part of a body's inertia without effect on its joint (base-parameter regrouping); None if none is known."""
+    """Part of a body's inertia that acts as if it were fixed to the parent; None if no such part is known."""
     if joint.nv != 1:
         return None
-    w, v = joint.axes[0, :3], joint.axes[0, 3:]
+    w, v = joint.axes[0, :3], joint.axes[0, 3:]  # of the screw axis
     I = G.moment_about_origin
-    if not w.any():
+    if not w.any():  # prismatic
         return SpatialInertia.from_parameters(ten_parameters(0, (0, 0, 0), I))
     if v.any():  # the axis misses the origin, or the joint is helical
         return None
@@ -62,7 +62,8 @@ def _part_without_effect(joint: Joint, G: SpatialInertia) -> SpatialInertia | No
     normal = coordinate_axis - (coordinate_axis @ w) * w
     J = (normal @ I @ normal) / (normal @ normal)  # moment about an axis at a right angle to w
     h = (G.first_moment @ w) * w
-    return SpatialInertia.from_parameters(ten_parameters(G.mass, h, J * (np.eye(3) - np.outer(w, w))))
+    J_without_axis = J * (np.eye(3) - np.outer(w, w))
+    return SpatialInertia.from_parameters(ten_parameters(G.mass, h, J_without_axis))
 
 
 _MAX_ROUNDING = 4e-16
@@ -74,7 +75,7 @@ def _clear_rounding(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia
     parameters = G.parameters.copy()
     mass = abs(before.mass)
     first_moment = np.abs(before.first_moment).max()
-    moment = np.abs(before.parameters[4:]).max()
+    moment = np.abs(before.parameters[4:]).max()  # after the mass and three first moments
     scales = np.repeat([mass, first_moment, moment], [1, 3, 6])  # for each of the ten parameters
     is_rounding_error = np.abs(parameters) <= _MAX_ROUNDING * scales
     parameters[is_rounding_error] = 0.0
@@ -102,8 +103,9 @@ def nominal(model: Model) -> dict[str, float]:
         if frame.body != BASE:
             values |= _link_values(model, link)
     for body in model.bodies:
-        for parameter, x in zip(_JOINT_PARAMETERS, body.placement[:3, 3], strict=True):
-            values[f"{body.joint.name}.{parameter}"] = float(x)
+        position = body.placement[:3, 3]
+        for parameter, coordinate in zip(_JOINT_PARAMETERS, position, strict=True):
+            values[f"{body.joint.name}.{parameter}"] = float(coordinate)
         if not body.follows and body.joint.nv == 1:
             drive = model.drive_names[body.v_index]
             for law in LAWS:
@@ -118,7 +120,7 @@ def nominal(model: Model) -> dict[str, float]:
 
 
 def _armatures(model: Model) -> dict[str, int]:
-    """Index in the armature of each drive of one degree of freedom, except drives with a rotor, which replaces the armature."""
+    """Index in ``model.armature`` of each drive of one degree of freedom. Drives with a rotor have no armature."""
     joints_with_rotor = {actuator.joint for actuator in model.actuators.values() if actuator.rotor is not None}
     indices: dict[str, int] = {}
     for body in model.leaders:
@@ -133,12 +135,14 @@ def _rotors(model: Model) -> dict[str, tuple[Rotor, float, int | None]]:
 
     The index is None for rotors of coupled motors, which have no body.
     """
-    rotor_bodies = {body.joint.name: i for i, body in enumerate(model.bodies) if not body.joint.moves_body}
+    rotor_bodies = {body.joint.name: i for i, body in enumerate(model.bodies) if not body.joint.moves_body}  # indices
     rotors: dict[str, tuple[Rotor, float, int | None]] = {}
     for name, actuator in model.actuators.items():
         if actuator.rotor is not None:
-            body = rotor_bodies.get(f"{actuator.joint}.rotor", rotor_bodies.get(name))
-            rotors[actuator.joint] = actuator.rotor, actuator.ratio, body
+            body_index = rotor_bodies.get(f"{actuator.joint}.rotor")
+            if body_index is None:
+                body_index = rotor_bodies.get(name)
+            rotors[actuator.joint] = actuator.rotor, actuator.ratio, body_index
     return rotors
 
 
@@ -147,15 +151,16 @@ def _springs(model: Model) -> dict[str, int]:
     indices: dict[str, int] = {}
     for k, spring in enumerate(model.springs):
         joint, *other_joints = spring.joints
-        if other_joints in ([], [f"{joint}.motor"]):
+        is_in_gear = other_joints == [f"{joint}.motor"]
+        if not other_joints or is_in_gear:
             indices.setdefault(joint, k)
     return indices
 
 
 def moves_joints(model: Model, names: Sequence[str]) -> bool:
-    """True if names of lengths are among the parameters.
+    """True if ``names`` contains positions of joints.
 
-    Otherwise quantities that are linear in the parameters are also linear in them after regrouping.
+    If not, regrouping keeps quantities linear that are linear in the parameters.
     """
     lengths = {f"{body.joint.name}.{parameter}" for body in model.bodies for parameter in _JOINT_PARAMETERS}
     return not lengths.isdisjoint(names)
@@ -195,7 +200,8 @@ def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequenc
     for link, frame in model.frames.items():
         if link not in changed_links:
             continue
-        link_values = [new_values.get(name, nominal_value) for name, nominal_value in _link_values(model, link).items()]
+        values_by_name = _link_values(model, link)
+        link_values = [new_values.get(name, nominal_value) for name, nominal_value in values_by_name.items()]
         body = bodies[frame.body]
         old_inertia = model.link_inertias.get(link, SpatialInertia.zero())
         without_link = body.inertia - old_inertia.in_frame(frame.pose)
@@ -208,26 +214,24 @@ def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequenc
 
 
 def _change_drive_inertias(model: Model, bodies: list[Any], new_values: dict[str, Any]) -> Array:
-    """Armature (nv,) with new values.
-
-    New inertias of rotors replace entries of ``bodies``: the rotors, and the links that hold them.
-    """
+    """Armature (nv,) with new values; also changes the rotors in the list ``bodies``, and the links that hold them."""
     armature_values: dict[int, Any] = {}
     for drive, k in _armatures(model).items():
         name = f"{drive}.armature"
         if name in new_values:
             armature_values[k] = new_values[name]
-    for drive, (rotor, ratio, i) in _rotors(model).items():
+    for drive, (rotor, ratio, body_index) in _rotors(model).items():
         name = f"{drive}.rotor_inertia"
         if name not in new_values:
             continue
-        if i is None:  # a coupled motor
+        if body_index is None:  # a coupled motor
             armature_values[model.drive_index(drive)] = ratio**2 * new_values[name]
             continue
-        body = bodies[i]
-        change = _ring_inertia(body.joint.axes[0, :3], new_values[name] - rotor.inertia)
-        bodies[i] = replace(body, inertia=body.inertia + change)
-        if body.parent != BASE and not rotor.extra:  # the link's inertia without the rotor decreases by as much
+        body = bodies[body_index]
+        rotor_axis = body.joint.axes[0, :3]
+        change = _ring_inertia(rotor_axis, new_values[name] - rotor.inertia)
+        bodies[body_index] = replace(body, inertia=body.inertia + change)
+        if body.parent != BASE and not rotor.extra:  # the rotor is a part of the link, whose rest decreases by as much
             carrier = bodies[body.parent]
             bodies[body.parent] = replace(carrier, inertia=carrier.inertia - change.in_frame(body.placement))
     if not armature_values:
@@ -239,7 +243,7 @@ def _change_drive_inertias(model: Model, bodies: list[Any], new_values: dict[str
 
 
 def _ring_inertia(axis: Array, J: Any) -> SpatialInertia:
-    """Inertia of a thin ring without mass: J about the unit vector ``axis``, J/2 at right angles, so J ½ (1 + axis axis')."""
+    """Inertia ½ J (1 + axis axis') of a thin ring without mass: J about the unit vector ``axis``, J/2 about its diameters."""
     moments = J * (0.5 * (np.eye(3) + np.outer(axis, axis)))
     parameters = ten_parameters(0.0, np.zeros(3), moments)
     return SpatialInertia.from_parameters(np.array(parameters, object))
@@ -333,14 +337,14 @@ def refuse_impossible(model: Model, parameters: Mapping[str, Array]) -> None:
 
 
 def _refuse_friction(name: str, law: str, values: Array) -> None:
-    """Raise ValueRangeError if a friction parameter is out of its range."""
+    """Raise ValueRangeError if values of a friction parameter, by name such as ``j1.load``, are out of its range."""
     if law == "stribeck":
         is_impossible = values <= 0
         bounds = "above 0"
     elif law == "load":
         is_impossible = (values < 0) | (values >= 1)
         bounds = "at least 0 and below 1"
-    else:
+    else:  # viscous, coulomb, static
         is_impossible = values < 0
         bounds = "at least 0"
     if is_impossible.any():
@@ -370,18 +374,21 @@ def _refuse_tensor(model: Model, link: str, parameters: Mapping[str, Array]) -> 
     shape = np.broadcast_shapes(*(samples.shape for samples in parameters_of_body.values()))
     suspect_samples = np.argwhere(np.broadcast_to(is_suspect, shape))
     for sample in map(tuple, suspect_samples):
-        values = [float(np.broadcast_to(samples, shape)[sample]) for samples in parameters_of_body.values()]
-        with np.errstate(all="ignore"):
+        values = []
+        for samples in parameters_of_body.values():
+            value = np.broadcast_to(samples, shape)[sample]
+            values.append(float(value))
+        with np.errstate(all="ignore"):  # of NaN and infinite values, which pass below
             changed_model = with_symbolic_parameters(model, list(parameters_of_body), values)
         inertial_parameters = changed_model.bodies[body_index].inertia.parameters.astype(float)
         if not np.isfinite(inertial_parameters).all():
             continue
         violations = reasons(SpatialInertia.from_parameters(inertial_parameters), moments)
         if violations:
-            where = f" in sample {_sample_text(sample)}" if sample else ""
+            sample_phrase = f" in sample {_sample_text(sample)}" if sample else ""
             raise InertiaError(
-                f"parameters: link {link!r}{where} cannot exist: {'; '.join(violations)}. Give moments of a body that can: "
-                "tw.SpatialInertia(…).nearest_consistent() finds them."
+                f"parameters: link {link!r}{sample_phrase} cannot exist: {'; '.join(violations)}. "
+                "Give moments of a body that can: tw.SpatialInertia(…).nearest_consistent() finds them."
             )
 
 
@@ -396,15 +403,18 @@ def _impossible_samples(model: Model, link: str, parameters: Mapping[str, Array]
     finite_I = np.where(is_finite[..., None, None], I, np.eye(3))  # NaN passes, as a ball does
     A, B, C = np.moveaxis(np.linalg.eigvalsh(finite_I), -1, 0)  # principal moments, ascending
     tolerance = _MOMENT_TOLERANCE * np.abs(A + B + C)
-    return np.asarray((-tolerance > A) | (A + B + tolerance < C))
+    is_negative = -tolerance > A
+    violates_triangle = A + B + tolerance < C
+    return np.asarray(is_negative | violates_triangle)
 
 
 def _value_text(name: str, values: Array, mask: Array, unit: str = "") -> str:
     """Parameter with the first value for which the mask is true, and the number of its sample."""
-    sample = tuple(np.argwhere(mask)[0])
-    where = f" in sample {_sample_text(sample)}" if sample else ""
+    first_sample = np.argwhere(mask)[0]
+    sample = tuple(first_sample)
+    sample_phrase = f" in sample {_sample_text(sample)}" if sample else ""
     value = float(values[sample])
-    return f"{name!r} is {printed(value)}{unit}{where}"
+    return f"{name!r} is {printed(value)}{unit}{sample_phrase}"
 
 
 def _sample_text(sample: tuple[int, ...]) -> str:

@@ -1,4 +1,4 @@
-"""Text of a file as seekable UTF-8 with newlines, also from UTF-16, gzip, or a pipe.
+"""Text of a file as seekable UTF-8 with newlines. The file may be UTF-16, packed by gzip, or a pipe.
 
 If the file is not plain text on disk, a copy holds the text: in memory, or in a temporary file without a name.
 """
@@ -55,10 +55,11 @@ class TextSource:
         path = ends.path
         if os.path.isdir(path):  # noqa: PTH112  False if the text cannot be a path
             raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
-        if ends.start and _is_plain(ends.start):  # a pipe has no start
+        if ends.start and _is_plain(ends.start):  # the start of a pipe is empty
             return cls(ends)
         copy = _plain_copy(path)
-        source = cls(FileEnds.from_file(path, copy), copy)
+        ends_of_copy = FileEnds.from_file(path, copy)
+        source = cls(ends_of_copy, copy)
         weakref.finalize(source, copy.close)
         return source
 
@@ -87,7 +88,8 @@ def _is_plain(start: bytes) -> bool:
     """True if a file with these first bytes is text in UTF-8 with newlines."""
     head = start[:_HEAD_SIZE]
     is_packed = head.startswith(_GZIP_MARK)
-    return not (is_packed or _encoding(head) or _has_old_line_ends(head))
+    is_utf_8 = _encoding(head) is None
+    return not is_packed and is_utf_8 and not _has_old_line_ends(head)
 
 
 def _has_old_line_ends(head: bytes) -> bool:
@@ -102,8 +104,9 @@ def _plain_copy(path: Path) -> BinaryIO:
             stream: BinaryIO = file
             is_regular_file = stat.S_ISREG(path.stat().st_mode)
             if not is_regular_file:  # a pipe is not seekable: copy it first
-                stream = _copy_portions(_portions(file))
-            size = stream.seek(0, os.SEEK_END)
+                portions = _portions(file)
+                stream = _copy_portions(portions)
+            size = stream.seek(0, os.SEEK_END)  # packed size, if the file is packed
             stream.seek(0)
             is_packed = stream.read(len(_GZIP_MARK)) == _GZIP_MARK
             stream.seek(0)
@@ -119,7 +122,7 @@ def _plain_copy(path: Path) -> BinaryIO:
             if is_packed:
                 plain_text = _check_proportion(plain_text, path, size)
             return _copy_portions(plain_text)
-    except TrajectoryError:  # of the check; other errors get a message below
+    except TrajectoryError:  # raised by check_ratio; other errors get a message below
         raise
     except FileNotFoundError:
         raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
@@ -135,12 +138,12 @@ def _plain_copy(path: Path) -> BinaryIO:
 
 
 def _portions(file: BinaryIO) -> Iterator[bytes]:
-    """Portions of a file up to its end, where ``read`` returns no bytes."""
-    return iter(partial(file.read, _PORTION_SIZE), b"")
+    """Portions of a file up to its end."""
+    return iter(partial(file.read, _PORTION_SIZE), b"")  # at the end, read returns b""
 
 
 def _copy_portions(portions: Iterator[bytes]) -> BinaryIO:
-    """Copy in memory, or of a large text in a temporary file without a name; its position is the beginning."""
+    """Copy in memory, or in a temporary file without a name if it is large; its position is the beginning."""
     copy = cast("BinaryIO", tempfile.SpooledTemporaryFile(_MAX_COPY_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
     try:
         for portion in portions:
@@ -176,7 +179,7 @@ def _encode_utf_8(portions: Iterator[bytes], encoding: str) -> Iterator[bytes]:
     decoder = codecs.getincrementaldecoder(encoding)()
     for portion in portions:
         yield decoder.decode(portion).encode("utf-8")
-    yield decoder.decode(b"", final=True).encode("utf-8")
+    yield decoder.decode(b"", final=True).encode("utf-8")  # raises UnicodeError for an incomplete character
 
 
 def _encoding(head: bytes) -> str | None:

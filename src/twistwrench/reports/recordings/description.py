@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def robot_description(model: Model, *, local: bool = False) -> Element:
-    """Root element of the model's URDF, with locked joints fixed, and with visuals and collision shapes of its own URDF file.
+    """Root element of the model's URDF: locked joints are fixed, and shapes are those of the robot's own URDF file.
 
     Mesh names relative to the file become addresses of files. If ``local``, all mesh names become paths, and shapes whose mesh
     file is missing are left out.
@@ -32,7 +32,7 @@ def robot_description(model: Model, *, local: bool = False) -> Element:
     description = parse(write_urdf(model).text)
     try:
         file = file_of(model)
-        root = description if file is None else file.root
+        root = description if file is None else file.root  # no shapes without a file
     except (ModelError, NotFoundError, OSError, ValueError):  # the file changed since the robot was loaded
         return description
     if file is None or root.tag != "robot":
@@ -40,7 +40,8 @@ def robot_description(model: Model, *, local: bool = False) -> Element:
     link_by_name = {link.attributes["name"]: link for link in description.all("link")}
     description.children = [*root.all("material"), *description.children]
     for link in root.all("link"):
-        described_link = link_by_name.get(link.attributes.get("name", ""))
+        name = link.attributes.get("name", "")
+        described_link = link_by_name.get(name)
         if described_link is None:
             continue
         for original in (*link.all("visual"), *link.all("collision")):
@@ -104,12 +105,15 @@ class MovingJoints:
         link_names = list(self.robot.link_names)
         T = np.asarray(self.robot.link_poses(q))
         for body in bodies:
-            joint = self.joints.get(body.joint.name) or self.joints[f"{body.joint.name}.x"]
+            joint = self.joints.get(body.joint.name)
+            if joint is None:  # a ball joint: its first joint
+                joint = self.joints[f"{body.joint.name}.x"]
             parent = joint.require_child("parent", "").text("link")
             child = joint.require_child("child", "").text("link")
-            pose = T[:, link_names.index(body.link)]
+            pose = T[:, link_names.index(body.link)]  # (n, 4, 4)
             if parent in link_names:  # excludes the world of a floating base
-                pose = se3.inverse(T[:, link_names.index(parent)]) @ pose
+                T_parent = T[:, link_names.index(parent)]
+                pose = se3.inverse(T_parent) @ pose
             scalar_first = quaternion.from_matrix(pose[:, :3, :3])
-            scalar_last = np.roll(scalar_first, -1, axis=-1)
+            scalar_last = np.roll(scalar_first, -1, axis=-1)  # w, x, y, z → x, y, z, w
             yield parent, child, pose[:, :3, 3], scalar_last

@@ -49,7 +49,7 @@ _MAX_HEIGHT = 0.01
 MAX_CARRYING_SPEED = 0.05
 """Speed up to which a contact carries [m/s]."""
 _MIN_ALIGNMENT = math.cos(math.radians(1.0))
-"""Cosine of the angle from the ground's normal, or the vertical, up to which a contact is on the ground."""
+"""Least cosine of the angle between a contact's normal and the ground's normal or the vertical, for a contact on the ground."""
 AUTO = "auto"
 """Word for feet that are found by the geometry of the robot."""
 _ROUND_OFF = 1e-12
@@ -61,14 +61,14 @@ class ContactSchedule:
     """Contacts that carry at each instant, from a log."""
 
     time: Array
-    """(n,) [s]"""
+    """Times (n,) of the rows [s]."""
     carries: Array
-    """(n, c) of bool, with a column for each contact."""
+    """Mask (n, c) of the contacts that carry."""
 
     def at(self, time: Array) -> Array:
-        """Contacts (m, c) that carry at some times (m,), by the last row at or before each time."""
-        rows = np.searchsorted(self.time, time + _ROUND_OFF, side="right") - 1
-        known_rows = np.clip(rows, 0, len(self.time) - 1)
+        """Mask (m, c) of the contacts that carry at times (m,), by the last row at or before each time."""
+        last_rows = np.searchsorted(self.time, time + _ROUND_OFF, side="right") - 1
+        known_rows = np.clip(last_rows, 0, len(self.time) - 1)  # the first row also holds before it
         return np.asarray(self.carries[known_rows])
 
 
@@ -79,7 +79,7 @@ class Ground:
     contacts: tuple[Contact, ...]
     """Contacts with their coefficients of friction, :data:`ASSUMED_FRICTION` where none is given."""
     given: bool
-    """True if the coefficient of friction is given."""
+    """True if the user gives the coefficients of friction."""
     automatic: tuple[bool, ...]
     """For each contact: True if it carries when it is low and slow, as a foot; False if it always carries, as a wheel."""
     on_ground: Array
@@ -120,7 +120,8 @@ class Ground:
         points_by_frame: dict[str, list[Array]] = {}
         for contact, is_foot in zip(self.contacts, self.automatic, strict=True):
             if is_foot:
-                points_by_frame.setdefault(str(contact.frame), []).append(contact.point)
+                frame_points = points_by_frame.setdefault(str(contact.frame), [])
+                frame_points.append(contact.point)
         return {frame: np.array(points) for frame, points in points_by_frame.items()}
 
     def contacts_at(self, frame: str) -> Array:
@@ -180,10 +181,11 @@ class GroundGiven(NamedTuple):
         if feet is not None or wheels is not None or casters is not None:
             return cls(feet or (), wheels or (), casters or (), friction, in_contact, normal)
         if friction is not None or normal is not None:
+            property_name = "contact_normal" if friction is None else "contact_friction"
             raise ValueRangeError(
                 "{0} is of the ground, and nothing stands on it. Add {1}, or wheels; friction of the joints is in the "
                 "robot's file.",
-                Argument("contact_normal" if friction is None else "contact_friction"),
+                Argument(property_name),
                 Argument("feet", AUTO),
             )
         return None
@@ -192,9 +194,9 @@ class GroundGiven(NamedTuple):
 def with_base_free(robot: Robot) -> Robot:
     """Robot whose base floats; raises ValueRangeError if its file or the user fixes the base."""
     degrees_of_freedom = int(floating_entries(robot).sum())  # of the base
-    if degrees_of_freedom >= 6:
+    if degrees_of_freedom >= 6:  # floats freely
         return robot
-    if degrees_of_freedom:
+    if degrees_of_freedom > 0:
         joint = next(body.joint for body in robot.model.leaders if not body.joint.driven)
         raise _partly_free_base(robot, joint.name, joint.kind)
     for body in robot.model.leaders:
@@ -232,11 +234,12 @@ def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
     friction_given = given.friction is not None
     if given.friction is not None:
         with_friction = _set_friction(with_friction, given.friction)
-    elif not wheels:  # contacts have their own friction
+    elif not wheels:  # a given Contact has its own friction, frames and rectangles have the assumed one
         friction_given = all(isinstance(entry, Contact) for entry in entries)
     contacts = (*with_friction, *casters)
-    ground_normals = np.stack([normal, upward(robot)])
-    alignments = [float((ground_normals @ contact.normal).max()) for contact in contacts]
+    ground_normals = np.stack([normal, upward(robot)])  # (2, 3)
+    contact_normals = [contact.normal for contact in contacts]
+    alignments = [float((ground_normals @ contact_normal).max()) for contact_normal in contact_normals]
     on_ground = np.array(alignments) > _MIN_ALIGNMENT
     automatic = on_ground.copy()
     automatic[len(feet) :] = False  # wheels and casters
@@ -305,7 +308,7 @@ def _coefficient(value: Any) -> float:
     try:
         mu = float(value)
     except (TypeError, ValueError):
-        mu = np.nan
+        mu = np.nan  # fails the test below
     if not 0 <= mu < np.inf:
         raise ValueRangeError(
             f"{{0}} is {value!r}. Give a coefficient of at least zero, such as 0.7 for rubber on concrete.",
@@ -338,8 +341,10 @@ def _contacts(robot: Robot, foot: str | Contact, q: Array | None, normal: Array)
         return (foot,)
     rectangle, at_sign, frame = foot.rpartition("@")
     if at_sign and frame in robot.model.all_frames:
-        numbers = parse_numbers(rectangle.replace("x", ","), "feet", _FORM, 2, 5)
-        size, middle = numbers[:2], numbers[2:] or (0.0, 0.0, 0.0)
+        comma_separated = rectangle.replace("x", ",")
+        numbers = parse_numbers(comma_separated, "feet", _FORM, 2, 5)  # two sides, or also three coordinates
+        size = numbers[:2]
+        middle = numbers[2:] or (0.0, 0.0, 0.0)  # in the frame [m]
         _check_frame(robot, frame, "feet")
         return sole(robot, frame, ASSUMED_FRICTION, size, middle, normal=normal)
     _check_frame(robot, foot, "feet")
@@ -347,6 +352,7 @@ def _contacts(robot: Robot, foot: str | Contact, q: Array | None, normal: Array)
 
 
 _FORM = "a frame, LENGTHxWIDTH[,x,y,z]@FRAME in metres such as 0.2x0.1@left_ankle, or auto"
+"""Allowed forms of a foot, for messages."""
 
 
 def _check_frame(robot: Robot, frame: str, option: str) -> None:

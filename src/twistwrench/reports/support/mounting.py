@@ -39,11 +39,12 @@ BoltsGiven: TypeAlias = "str | Path | ArrayLike"
 """
 
 _CIRCLE = re.compile(r"(\d+)\s*x\s*([\d.eE+-]+)")
-"""Number of bolts, x, diameter."""
+"""Text of a bolt circle, as ``6x0.200``; its groups are the number of bolts and the diameter."""
 _FORM = (
     "NUMBERxDIAMETER in metres such as 6x0.200, or a CSV file with the columns x,y[,preload] in m and N, or with other units "
     "in brackets, such as x [mm],y [mm],preload [kN]"
 )
+"""Allowed forms of bolts, for messages."""
 _MAX_CIRCLE = 10.0
 """Largest diameter of a bolt circle [m]."""
 _MAX_BOLT_ROWS = 12
@@ -60,10 +61,11 @@ class BoltPattern:
     """Preloads (k,) of the bolts [N]; None if they are not known."""
 
     def __post_init__(self) -> None:
-        farthest = float(np.linalg.norm(self.places, axis=1).max(initial=0.0))
-        if farthest > 0.5 * _MAX_CIRCLE:
+        distances = np.linalg.norm(self.places, axis=1)
+        max_distance = float(distances.max(initial=0.0))
+        if max_distance > 0.5 * _MAX_CIRCLE:
             raise ValueRangeError(
-                f"{{0}}: a bolt is {number(farthest)} m from the middle of the mounting, and a circle of more than "
+                f"{{0}}: a bolt is {number(max_distance)} m from the middle of the mounting, and a circle of more than "
                 f"{number(_MAX_CIRCLE)} m is not one of a robot. Places are in metres: if these are millimetres, give a "
                 "thousandth of them, or write x [mm],y [mm] in the header of the file.",
                 Argument("bolts"),
@@ -86,7 +88,7 @@ class BoltPattern:
         circle = _CIRCLE.fullmatch(str(given).strip())
         if isinstance(given, str) and circle is not None:
             bolt_count = int(circle[1])
-            diameter = parse_numbers(circle[2], "bolts", _FORM, 1)[0]
+            (diameter,) = parse_numbers(circle[2], "bolts", _FORM, 1)
             return cls(bolt_circle(bolt_count, diameter))
         if not Path(given).is_file():
             raise ValueRangeError(f"{{0}}: {str(given)!r} is not {_FORM}.", Argument("bolts"))
@@ -98,14 +100,15 @@ class BoltPattern:
         with table_errors(path, "table of bolts", "x,y,preload, then a line for each bolt, such as 0.1,0.1,5000"):
             file = CsvFile.open(path)
             names_and_units = [split_unit(cell) for cell in file.header]
-            names = [name.casefold() for name, _ in names_and_units]
+            names = [name.casefold() for name, _ in names_and_units]  # x, y, preload
             if names not in (["x", "y"], ["x", "y", "preload"]):
                 raise ValueRangeError(f"{path}: the columns are {', '.join(file.header)}. Give {_FORM}.")
             factors = np.ones(len(names))  # from the file's units to SI units
             for k, (name, unit) in enumerate(names_and_units):
                 if unit is not None:
                     quantity = "tau" if names[k] == "preload" else "q"  # of a prismatic joint: a force, a length
-                    factors[k] = unit_factor(unit, quantity, False, f"{path}, column {name!r}")
+                    turning = False
+                    factors[k] = unit_factor(unit, quantity, turning, f"{path}, column {name!r}")
             all_columns = tuple(range(len(names)))
             table = file.table(all_columns) * factors
         preload = table[:, 2] if "preload" in names else None
@@ -148,21 +151,21 @@ class MotionMounting:
         preload = float(self.pattern.preload[bolt])
         if excess[row, bolt] <= TOLERANCE * max(1.0, preload):
             return Verdict(Word.OK)
-        opens = excess.max(axis=0) > 0
+        opens = excess.max(axis=0) > 0  # mask of the bolts
         other_count = int(opens.sum()) - 1
-        also = f", and {other_count} more" if other_count else ""
+        others_text = f", and {other_count} more" if other_count else ""
         pull = float(pulls[row, bolt])
         time = float(self.time[row])
         return Verdict.from_reasons(
             over=[
-                f"the joint opens at bolt {bolt + 1}{also}: the robot pulls it with {_four_digits(pull)} N at t = "
+                f"the joint opens at bolt {bolt + 1}{others_text}: the robot pulls it with {_four_digits(pull)} N at t = "
                 f"{seconds(time)} s, preload {_four_digits(preload)} N"
             ]
         )
 
     @property
     def line(self) -> str:
-        """Sentence on the largest loads; if the preload of the bolts is not known, also a sentence on the largest pull."""
+        """Sentence on the largest loads, and one on the largest pull if the preload of the bolts is not known."""
         text = str(self.load)
         sentence = f"{text[0].upper()}{text[1:]}."
         if self.pattern is None or self.pattern.preload is not None:
@@ -177,13 +180,14 @@ class MotionMounting:
     def blocks(self) -> list[Table | Line]:
         """Tables of the wrench and of the bolts."""
         largest_components = self.load.largest  # value and row of the motion, by name
-        values, rows = zip(*largest_components.values(), strict=True)
-        times = self.time[list(rows)]
+        values = [value for value, _ in largest_components.values()]
+        rows = [row for _, row in largest_components.values()]
+        times = self.time[rows]
         wrench_table = Table(
             f"On the foundation, at {self.load.frame}",
             words("component", list(largest_components)),
             numbers("largest", values, _four_digits),
-            words("unit", map(_unit, largest_components)),
+            words("unit", [_unit(name) for name in largest_components]),
             numbers("when", times.tolist(), seconds, "s"),
         )
         if self.pattern is None:
@@ -201,12 +205,12 @@ class MotionMounting:
             preload_column = numbers("preload", pattern.preload, _four_digits, "N")
         return Table(
             title,
-            words("bolt", [str(k + 1) for k in range(axial.shape[1])]),
+            words("bolt", [str(k + 1) for k in range(len(largest_pulls))]),
             numbers("x", 1e3 * pattern.places[:, 0], _four_digits, "mm"),
             numbers("y", 1e3 * pattern.places[:, 1], _four_digits, "mm"),
             numbers("largest pull", largest_pulls, _four_digits, "N"),
             numbers("when", self.time[axial.argmax(axis=0)], seconds, "s"),
-            numbers("least", axial.min(axis=0), _four_digits, "N"),
+            numbers("least", axial.min(axis=0), _four_digits, "N"),  # pull
             numbers("shear", shear.max(axis=0), _four_digits, "N"),
             preload_column,
             most=_MAX_BOLT_ROWS,

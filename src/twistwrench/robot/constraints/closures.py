@@ -64,26 +64,26 @@ def _frame_name(model: Model, frame: str | None) -> str:
 # ── Configurations with closed loops, and rows that are independent there
 
 STARTS = 32
-"""Number of start configurations in the search for closed ones; several of them converge for common mechanisms."""
+"""Number of start configurations in the search for configurations with closed loops; several converge for most mechanisms."""
 MAX_FOUND_GAP = 1e-10
-"""Largest gap of a configuration that counts as closed [rad, fraction of the robot's length].
+"""Largest gap of a configuration that counts as closed: an angle [rad], or a distance as a fraction of the robot's length.
 
-Rows of the constraint matrix A then differ far less from those of an exactly closed configuration than their tolerances.
+The constraint matrix A then equals the matrix of an exactly closed configuration, far within tolerances.
 """
 _TARGET_GAP = 0.01 * MAX_FOUND_GAP
 """Gap at which the solver stops, with room to :data:`MAX_FOUND_GAP`."""
 _DISPLACEMENT_SIZES = [0.0, 0.01, 0.1, 0.3]
 """Standard deviations of random displacements around a configuration, rad and m."""
 _MAX_COUPLING = 1e-9
-"""Largest entry of another row, as a share of the size of angular rows, at which a frame does not turn about other axes."""
+"""Share of the size of angular rows up to which an entry of an angular row counts as zero: no turn about that axis."""
 
 
 def some_configurations(closed: ConstrainedRobot, near: ArrayLike | None) -> Array:
     """Configurations (n, nq) with closed loops.
 
-    The search starts around ``near``, or else at random configurations and around the robot's stored ones.
+    The search starts around ``near``. For None, it starts around the robot's stored configurations and at random ones.
     """
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(0)  # equal searches in all runs
     robot = closed.open()
     if near is None:
         starts_per_stored = len(_DISPLACEMENT_SIZES)
@@ -94,21 +94,22 @@ def some_configurations(closed: ConstrainedRobot, near: ArrayLike | None) -> Arr
     else:
         q_near = arguments.one(near, "near", robot.nq, names=robot.coordinate_names)
         starts = robot.add(q_near, _displacements(rng, robot, STARTS))
-    q, gaps = closed.settled(starts, _TARGET_GAP)
+    solutions, gaps = closed.settled(starts, _TARGET_GAP)
     is_closed = gaps <= MAX_FOUND_GAP
     if not is_closed.any():
-        smallest_gap = printed(gaps.min(), 3)
+        name = closed.constraints[-1].name
+        gap_text = f"{printed(gaps.min(), 3)} ({gap_unit_text(closed)})"
         raise ConstraintError(
-            f"no configuration found at which {closed.constraints[-1].name!r} closes: from {len(starts)} starts the nearest "
-            f"leaves a gap of {smallest_gap} ({gap_unit_text(closed)}). Check pose and rows, or give near=q, one near it."
+            f"no configuration found at which {name!r} closes: from {len(starts)} starts the nearest "
+            f"leaves a gap of {gap_text}. Check pose and rows, or give near=q, one near it."
         )
-    return np.asarray(q[is_closed])
+    return np.asarray(solutions[is_closed])
 
 
 def _displacements(rng: np.random.Generator, robot: Robot, count: int) -> Array:
-    """Random displacements (count, nv): equally many, in order, of each of :data:`_DISPLACEMENT_SIZES`.
+    """Random displacements (count, nv): first ``count / 4`` of the first of four :data:`_DISPLACEMENT_SIZES`, and so on.
 
-    ``count`` is a multiple of the number of sizes.
+    ``count`` is a multiple of 4.
     """
     sizes = np.repeat(_DISPLACEMENT_SIZES, count // len(_DISPLACEMENT_SIZES))
     return sizes[:, None] * rng.standard_normal((count, robot.nv))
@@ -128,10 +129,10 @@ def require_angle(closed: ConstrainedRobot, q: Array) -> None:
     constraint_jacobian = robot.kernel("constraint_jacobian", constraints=(all_rows(last_closure),))
     J = constraint_jacobian(q)  # (n, 6, nv)
     weighted_rows = mass_weighted_rows(J, robot.mass_matrix(q))
-    weighted_angular_rows = weighted_rows[:, :3]
+    weighted_angular_rows = weighted_rows[:, :3]  # (n, 3, nv)
     other_rows = np.delete(weighted_angular_rows, row, axis=1)
     row_sizes = six_sizes(robot, last_closure)
-    angular_size = row_sizes[0]
+    angular_size = row_sizes[0]  # equal for all angular rows
     if np.abs(other_rows).max() > _MAX_COUPLING * angular_size:
         raise ConstraintError(
             f"{last_closure.name}: {TWIST[row]} is the only row of turning, and {last_closure.frame_b!r} also turns about "
@@ -141,13 +142,13 @@ def require_angle(closed: ConstrainedRobot, q: Array) -> None:
 
 
 def refuse_redundant(closed: ConstrainedRobot) -> None:
-    """Raise ConstraintError that names dependent rows of the last constraint, and its independent rows as a choice."""
+    """Raise ConstraintError that names the dependent rows of the last constraint, and the independent rows to keep."""
     last = closed.constraints[-1]
-    rows_before = len(closed.sizes) - len(last.rows)  # rows of the other constraints
+    first_index = len(closed.sizes) - len(last.rows)  # of its rows among the rows of all constraints
     independent_names = []
     for k in closed.independent:
-        if k >= rows_before:
-            row = last.rows[k - rows_before]
+        if k >= first_index:
+            row = last.rows[k - first_index]
             independent_names.append(TWIST[row])
     advice = "It adds nothing: leave it out"
     if independent_names:

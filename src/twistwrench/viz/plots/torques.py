@@ -32,6 +32,9 @@ _FACTOR_PAST_LIMIT = 1.15
 """End of a torque axis, as a multiple of a drawn limit."""
 
 # Sizes of figures [in].
+_PANEL_WIDTH = 3.2
+_MIN_WIDTH = 7.5
+_WIDTH_OF_THREE_PANELS = 11.25
 _PANEL_HEIGHT = 1.95
 _TITLE_HEIGHT = 0.3
 _CONTRIBUTIONS_HEIGHT = 3.1
@@ -48,7 +51,9 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
     joint_count = len(report.joints)
     rows, columns = style.panel_grid(joint_count)
     panels_height = _PANEL_HEIGHT * rows + _TITLE_HEIGHT
-    width = 11.25 if columns == 3 else max(7.5, 3.2 * columns)
+    width = max(_MIN_WIDTH, _PANEL_WIDTH * columns)
+    if columns == 3:
+        width = _WIDTH_OF_THREE_PANELS
     height = panels_height + (_CONTRIBUTIONS_HEIGHT + _TITLE_HEIGHT)
     with style.figure(width, height, report_title(report), "Drawing the report") as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[panels_height, _CONTRIBUTIONS_HEIGHT]))
@@ -86,11 +91,11 @@ def report_title(report: TorqueReport) -> str:
 
 def _break_at_gaps(time: Array, threshold: float, *curves: Array) -> list[Array]:
     """Time and curves with nan inserted in the curves in every step longer than ``threshold``, to break lines there."""
-    if len(time) < 3 or not math.isfinite(threshold):
+    if len(time) < 3 or not math.isfinite(threshold):  # two rows have one step, which is the usual one
         return [time, *curves]
     steps = np.diff(time)
     usual_step = float(np.median(steps))
-    max_step = max(threshold, 1.5 * usual_step)
+    max_step = max(threshold, 1.5 * usual_step)  # usual steps are never gaps
     is_binned = usual_step > threshold / 2  # a point is then a bin of several rows
     if is_binned:  # the step across a gap is longer than the gap by up to a bin
         max_step = max(max_step, usual_step + threshold)
@@ -106,11 +111,11 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, is_bottom_pan
     is_over_limit = over_limit(joint.share)
     colour = style.OVER if is_over_limit else style.LINE
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
-    # Torques of the unsmoothed log are pale, and clipped if they would flatten the main curve.
-    if report.derived is not None:
-        _draw_envelope(axis, report, report.derived.envelope, k, style.PALE, 1)
-    low, high = _draw_envelope(axis, report, report.envelope, k, style.LINE, 3)
-    if report.band is not None:  # interval of single torques
+    raw = report.derived  # torques of the unsmoothed log
+    if raw is not None:  # pale, and clipped if they would flatten the main curve
+        _draw_envelope(axis, report, raw.envelope, k, style.PALE, order=1)
+    low, high = _draw_envelope(axis, report, report.envelope, k, style.LINE, order=3)
+    if report.band is not None:  # 95 % interval of the torque at each time
         band_time, lower, upper = report.band
         time, interval_low, interval_high = _break_at_gaps(band_time, report.gaps.threshold, lower[:, k], upper[:, k])
         axis.fill_between(time, interval_low, interval_high, color=style.SKY, alpha=0.35, linewidth=0, zorder=2)
@@ -139,19 +144,19 @@ def _draw_peak(axis: style.Axes, report: TorqueReport, joint: JointTorque, colou
     """Draw the peak as a point, with its value beside it: towards the middle of the time, away from zero."""
     peak = 0.0 if report.is_zero(joint.peak) else joint.peak
     axis.plot(joint.time, peak, "o", color=colour, markersize=4.5, markeredgecolor=style.PAPER, zorder=5)
-    dx, horizontal = 5, "left"  # distance from the point [pt], and the edge of the text there
+    dx, text_edge_x = 5, "left"  # distance from the point [pt], and the edge of the text that faces the point
     if joint.time > 0.6 * report.end + 0.4 * report.begin:  # in the last 40 % of the time
-        dx, horizontal = -5, "right"
-    dy, vertical = 4, "bottom"
+        dx, text_edge_x = -5, "right"
+    dy, text_edge_y = 4, "bottom"
     if joint.peak < 0:
-        dy, vertical = -4, "top"
+        dy, text_edge_y = -4, "top"
     axis.annotate(
         report.label(joint.peak),
         (joint.time, joint.peak),
         xytext=(dx, dy),
         textcoords="offset points",
-        ha=horizontal,
-        va=vertical,
+        ha=text_edge_x,
+        va=text_edge_y,
         color=colour,
         fontsize=style.SMALL_FONT,
         bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
@@ -176,8 +181,11 @@ def _draw_noise_legend(figure: Any, report: TorqueReport) -> None:
 def _draw_envelope(
     axis: style.Axes, report: TorqueReport, envelope: tuple[Array, Array, Array], k: int, colour: str, order: float
 ) -> tuple[Array, Array]:
-    """Draw a joint's torque as an area between the minimum and maximum of each bin of rows; returns these minima and maxima."""
-    max_round_off = ZERO * report.scale
+    """Draw the torque of joint k between the minimum and maximum of each bin of rows; returns the curves of both.
+
+    A curve with a higher ``order`` is drawn above one with a lower.
+    """
+    max_round_off = ZERO * report.scale  # torques up to this are zero
     bin_time, minima, maxima = envelope
     minimum, maximum = minima[:, k], maxima[:, k]
     minimum = np.where(np.abs(minimum) <= max_round_off, 0.0, minimum)
@@ -190,9 +198,9 @@ def _draw_envelope(
 
 
 def _set_torque_range(axis: style.Axes, joint: JointTorque, low: float, high: float, *, max_half_range: float) -> None:
-    """Set the displayed torque range: the curve with room for its label, and each limit that the curve comes near.
+    """Set the range of the torque axis, which contains the curve, its label, and each limit that the curve comes near.
 
-    On either side of zero the range is at least a tenth of the limit, or ``max_half_range`` if that is less.
+    On either side of zero the range is at least a tenth of the limit, but no more than ``max_half_range`` for this reason.
     """
     span = max(high, 0.0) - min(low, 0.0)
     if span == 0.0:  # an axis needs a length
@@ -200,13 +208,14 @@ def _set_torque_range(axis: style.Axes, joint: JointTorque, low: float, high: fl
     bottom = min(low, 0.0) - _LABEL_ROOM * span
     top = max(high, 0.0) + _LABEL_ROOM * span
     is_limited = math.isfinite(joint.limit)
-    for side, magnitude in ((-1, -low), (1, high)):  # magnitude of the largest torque on this side of zero
+    largest_by_side = {-1: -low, 1: high}  # magnitude of the largest negative and positive torque
+    for side, magnitude in largest_by_side.items():
         if not is_limited or magnitude < _MIN_SHARE_OF_DRAWN_LIMIT * joint.limit:
             continue
         beyond_limit = _FACTOR_PAST_LIMIT * side * joint.limit
         bottom, top = min(bottom, beyond_limit), max(top, beyond_limit)
         axis.axhline(side * joint.limit, **style.LIMIT)
-        shaded_to = side * 100 * max(joint.limit, span)  # far outside the picture
+        shaded_to = side * 100 * max(joint.limit, span)  # end of the shaded area, far outside the picture
         axis.axhspan(side * joint.limit, shaded_to, color=style.OVER, alpha=0.08, linewidth=0)
     if is_limited:
         half_range = min(_MIN_RANGE_SHARE * joint.limit, max_half_range)
@@ -217,7 +226,7 @@ def _set_torque_range(axis: style.Axes, joint: JointTorque, low: float, high: fl
 def _draw_contributions(axis: style.Axes, report: TorqueReport, k: int) -> None:
     """Draw the contributions to a joint's torque around its peak."""
     joint = report.joints[k]
-    states = report.around  # of the time around the peak
+    states = report.around  # motion around the peak
     terms = report.load.terms(states)
     torques = [report.load.drive_torques(values)[:, k] for values in terms.values()]
     time, *parts = _break_at_gaps(states.time, report.gaps.threshold, *torques)
@@ -249,7 +258,7 @@ def _draw_contributions(axis: style.Axes, report: TorqueReport, k: int) -> None:
 _MAX_PANELS_PER_ROW = 3
 """Maximum number of motor panels in a row. Modern Robotics figure 8.10 shows such operating points."""
 _MOTOR_WIDTH, _MOTOR_HEIGHT = 3.6, 2.7  # of a panel [in]
-_TEMPERATURES_HEIGHT = 2.5
+_TEMPERATURES_HEIGHT = 2.5  # [in]
 
 
 def plot_motors(report: TorqueReport, path: str | Path) -> Path:
@@ -269,7 +278,7 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
     width = _MOTOR_WIDTH * columns + 0.6  # with the colour bar
     height = _MOTOR_HEIGHT * rows + 1.0  # with title and legend
     with style.figure(width, height, title, "Drawing the motors") as drawn:
-        spans = [(report.begin, report.end)] * len(report.motors)
+        spans = [(report.begin, report.end)] * len(report.motors)  # [s]
         _draw_motors(drawn, report.motors, spans, columns)
         return style.save(drawn, path)
 
@@ -352,7 +361,7 @@ def _draw_temperatures(axis: style.Axes, joints: list[SizedJoint]) -> None:
     for k, joint in enumerate(joints_with_temperatures):
         winding_temperature = joint.motor.temperature[:, 0]
         time = joint.cycle.time
-        if len(winding_temperature) != len(time):  # temperatures at times of their own, evenly spaced
+        if len(winding_temperature) != len(time):  # the thermal model has its own, evenly spaced times
             time = np.linspace(0.0, 1.0, len(winding_temperature)) * time[-1]
         axis.plot(time, winding_temperature, color=style.SERIES[k % len(style.SERIES)], label=joint.joint)
     axis.set_xlabel("time in the cycle [s]")
@@ -371,14 +380,14 @@ def _draw_motor(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> A
     speed_limit = min(no_load_speed, motor.speed)  # rad/s; motor.speed is the rated maximum
     if not math.isfinite(speed_limit):
         speed_limit = 1.5 * max_speed
-    speed_range = 1.05 * max(max_speed, speed_limit)
+    speed_range = 1.05 * max(max_speed, speed_limit)  # with a margin
     if speed_range == 0.0:  # a motor at rest, whose axis needs a length
         speed_range = 1.0
     w = np.linspace(-speed_range, speed_range, 401)  # rotor speeds of the region's edges [rad/s]
     currents = [current for current in (motor.current_continuous, motor.current_peak) if math.isfinite(current)]
     max_motor_torque = motor.torque_constant * max(currents, default=0.0)
     max_torque_of_motion = float(np.abs(torque).max(initial=0.0))
-    torque_range = 1.1 * max(max_motor_torque, max_torque_of_motion)
+    torque_range = 1.1 * max(max_motor_torque, max_torque_of_motion)  # with a margin
     if torque_range == 0.0:
         torque_range = 1.0
     regions = (  # current, colour, name
@@ -390,7 +399,7 @@ def _draw_motor(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> A
         low = -np.clip(motor.greatest_torque(-w, current), -torque_range, torque_range)  # same limits in reverse
         is_inside = high > low
         axis.fill_between(w, low, high, where=is_inside.tolist(), color=colour, linewidth=0)
-        lowest_speed = w[np.argmax(is_inside)]  # the first that is inside
+        lowest_speed = w[np.argmax(is_inside)]  # argmax: the first True
         axis.text(  # in the upper left corner of the region
             0.97 * lowest_speed,
             0.96 * high.max(),
@@ -399,16 +408,18 @@ def _draw_motor(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> A
             fontsize=style.SMALL_FONT,
             color=style.AXIS,
         )
-    max_torque, max_reverse = motor.greatest_torque(speed), motor.greatest_torque(-speed)
-    is_within_torque = torque <= max_torque + margin(max_torque)
-    is_within_reverse = -torque <= max_reverse + margin(max_reverse)
-    is_beyond = np.asarray(~(is_within_torque & is_within_reverse))
-    by_time: dict[str, Any] = {"c": use.time, "cmap": style.time_colours(), "vmin": span[0], "vmax": span[1]}
-    points = axis.scatter(speed, torque, s=3, linewidths=0, label="this motion", zorder=3, rasterized=True, **by_time)
+    max_torque = motor.greatest_torque(speed)
+    max_reverse_torque = motor.greatest_torque(-speed)  # at negative torque a motor is mirrored
+    is_within_max = torque <= max_torque + margin(max_torque)
+    is_within_reverse = -torque <= max_reverse_torque + margin(max_reverse_torque)
+    is_beyond = np.asarray(~(is_within_max & is_within_reverse))
+    begin, end = span
+    colours: dict[str, Any] = {"c": use.time, "cmap": style.time_colours(), "vmin": begin, "vmax": end}
+    points = axis.scatter(speed, torque, s=3, linewidths=0, label="this motion", zorder=3, rasterized=True, **colours)
     if is_beyond.any():
         axis.plot(speed[is_beyond], torque[is_beyond], ".", color=style.OVER, markersize=3, label="beyond the motor")
     rms = math.sqrt(float(np.mean(torque**2)))
-    for level, label in ((rms, "rms torque, either way"), (-rms, None)):
+    for level, label in ((rms, "rms torque, either way"), (-rms, None)):  # one entry in the legend
         axis.axhline(level, color=style.INK, linewidth=0.8, linestyle=(0, (4, 3)), label=label)
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
     axis.axvline(0, color=style.QUIET, linewidth=0.6)
@@ -417,7 +428,7 @@ def _draw_motor(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> A
     axis.locator_params(axis="x", nbins=5)
     remark = ""
     tightest_demand = use.tightest
-    if tightest_demand.share:  # nothing to say of a motor without load
+    if tightest_demand.share != 0.0:  # a motor without load has no remark
         remark = f"{tightest_demand.what} {percent_of_limit(tightest_demand.share)}"
     style.titles(axis, use.joint, remark, style.OVER if use.too_small else style.QUIET)
     return points
