@@ -181,7 +181,7 @@ def support(
         tau_with_kilogram = _torques(robot_with_kilogram, q, dq, ddq, wrench_on_robot)
         load_per_kilogram = (tau_with_kilogram - tau)[:, is_base]
     screw_axes = np.concatenate([body.joint.axes for body in robot.model.leaders])  # (nv, 6)
-    turns = screw_axes[:, :3].any(axis=1)
+    turns = np.asarray(screw_axes[:, :3].any(axis=1))
     balance = Balance(
         contacts,
         maps[:, is_base],
