@@ -53,7 +53,7 @@ _WIDE_DEVIATION = 10.0
 
 @dataclass(frozen=True, eq=False)
 class ParameterGroup:
-    """Sum of a parameter and multiples of others, which readings cannot tell apart."""
+    """Sum of a parameter and multiples of others, which readings cannot separate."""
 
     name: str
     """Parameter that leads the group."""

@@ -25,7 +25,7 @@ from .third_party import is_lazy
 from .typing import Array
 
 _UNLABELLED_TYPES = (list, tuple, float, int)
-"""Types that are no tables, so that their attributes are not looked up."""
+"""Types without labels, whose attributes are not looked up."""
 
 
 def is_table(x: Any) -> bool:

@@ -174,7 +174,7 @@ class IdentifiedRobot(Answer):
 
     @property
     def offsets(self) -> Mapping[str, float]:
-        """Offset of the torque by joint; 0 if its interval contains 0. Joints whose offset is no group have no entry."""
+        """Offset of the torque by joint; 0 if its interval contains 0. Joints without a group of their offset have no entry."""
         low, high = self.interval().T
         offsets: dict[str, float] = {}
         for joint in self.original.model.velocity_names:

@@ -83,7 +83,7 @@ ROS_TIME = "%time"
 """Time column of ``rostopic echo -p``, in integer nanoseconds; other programs write seconds in it."""
 _CERTAIN_TIME_NAMES = ("time", "t")
 _SECONDS_NAMES = ("seconds", "secs")
-"""Names that say the unit of a time."""
+"""Names of times in seconds."""
 _STAMP_NAMES = (  # names that are probably a time
     "timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", *_SECONDS_NAMES, "clock",
     "zeit", "zeitstempel", "temps", "tiempo", "tempo", "时间",
@@ -113,7 +113,7 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
 
 
 def is_called_seconds(text: str) -> bool:
-    """True if the name of a time column says that times are in seconds.
+    """True if the name of a time column is that of its unit, seconds.
 
     >>> is_called_seconds("Seconds"), is_called_seconds("t")
     (True, False)

@@ -299,7 +299,7 @@ def contradictions(report: TorqueReport) -> list[str]:
 
 
 def doubts_of_limits(report: TorqueReport) -> list[Doubt]:
-    """Doubts about the limits; whether they carry the weight is asked only if a torque limit is exceeded."""
+    """Doubts about the limits; limits that do not carry the weight count only if a torque limit is exceeded."""
     return credible_limits(report.limits, report.load.robot, weight=bool(_torque_excesses(report)))
 
 

@@ -225,16 +225,13 @@ def validate_inputs(
         if remark:
             remarks = (remark,)
     if names:
-        parameter_rows = np.stack(np.broadcast_arrays(*values), axis=-1)
-        step_inputs.append(parameter_rows[..., None, :])
+        step_inputs.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
     # The robot's own torque limits are float64 and do not decide the type of the results.
     typed_inputs = [x for label, x, _ in inputs if label != "torque_limits" or torque_limits is not True]
     dtype = _common_dtype([*states, *typed_inputs, *values])
     arrays = [_with_batch_axis(x.astype(dtype, copy=False), 1, batch) for x in states]
     arrays.append(np.broadcast_to(np.asarray(h, dtype), n))
-    for x in step_inputs:
-        batched = _with_batch_axis(x.astype(dtype, copy=False), 2, batch)
-        arrays.append(_with_all_steps(batched, n))
+    arrays += [_with_all_steps(_with_batch_axis(x.astype(dtype, copy=False), 2, batch), n) for x in step_inputs]
     shapes: dict[str, tuple[int, ...] | None] = {"q0": q.shape, "dq0": dq.shape}
     shapes |= {label: x.shape for label, x, _ in inputs}
     shapes |= {f"parameter {name}": x.shape for name, x in parameter_by_name.items()}

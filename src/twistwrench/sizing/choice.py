@@ -619,7 +619,7 @@ def drive_joints(robot: Robot, catalog: Catalog) -> tuple[str, ...]:
 
 
 def _joints_with_armature(robot: Robot, names: Iterable[str]) -> tuple[str, ...]:
-    """Those of the joints whose armature is not zero."""
+    """Names of the joints whose armature is not zero."""
     armature_by_joint = dict(zip(robot.model.velocity_names, robot.armature, strict=True))
     return tuple(name for name in names if armature_by_joint[name])
 

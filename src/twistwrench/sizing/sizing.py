@@ -124,8 +124,7 @@ def size_drives(
     >>> tw.size_drives("ur5", "demo", "demo", pause=0.8, add_masses=False)
     <Sizing of ur5: OK, shoulder_pan_joint 83 %>
     """
-    arm = robot
-    bundled_name = ""  # empty for other robots
+    arm, bundled_name = robot, ""
     if isinstance(robot, Robot | str | Path):
         arm, bundled_name = robot_of(robot, None, lock)
     require_robot(arm, "size_drives")

@@ -194,7 +194,7 @@ _MAX_POSE_ERROR = 1e-11
 _MAX_ERROR_OF_ROUNDING = 1e3 * _MAX_POSE_ERROR
 """Largest entry of the pose error of a solution that rounding alone kept from converging [m, rad]."""
 _MIN_TOLERANCE = 1e-10
-"""Smallest deviation from the path that can be asked for [m, rad]."""
+"""Smallest tolerance of the deviation from the path [m, rad]."""
 _ALL_ROWS = tuple(range(6))
 """Rows of a pose error: rotation and position."""
 _MAX_NEWTON_STEPS = 12

@@ -489,7 +489,7 @@ def inertial_of(inertial: Element, settings: Settings) -> tuple[float, Array, Ar
 
 
 def _correct_inertia(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:
-    """Inertia with at least the mass and moments that ``<compiler>`` sets, and balanced if ``<compiler>`` says so.
+    """Inertia with at least the mass and moments that ``<compiler>`` sets, balanced if its ``balanceinertia`` is true.
 
     A change goes to ``remarks``.
     """

@@ -38,7 +38,7 @@ def number(value: float | ArrayLike, what: str) -> float:
 
 
 def _shape_text(shape: tuple[int, ...]) -> str:
-    """Text that says which numbers are expected."""
+    """Text of the expected numbers."""
     return f"numbers of shape {shape}" if shape else "a number"
 
 

@@ -52,7 +52,7 @@ class FileEnds:
         return cls(path, start, end, size)
 
     def after(self, offset: int) -> bytes:
-        """Those of the last bytes that begin at ``offset``, counted from the beginning of the file, or later."""
+        """Last bytes of the file from ``offset`` on, which is counted from the beginning of the file."""
         end_offset = self.size - len(self.end)
         return self.end[max(0, offset - end_offset) :]
 
