@@ -176,14 +176,11 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
 
 def _inertia_product_matrix(x: Array) -> Array:
     """Matrix L with I x = L (Ixx, Ixy, Iyy, Ixz, Iyz, Izz); (..., 3) → (..., 3, 6)."""
-    a, b, c = x[..., 0], x[..., 1], x[..., 2]
-    o = np.zeros_like(a)
-    L = [
-        [a, b, o, c, o, o],
-        [o, a, b, o, c, o],
-        [o, o, o, a, b, c],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in L], axis=-2)
+    L = np.zeros((*x.shape[:-1], 3, 6))
+    L[..., 0, [0, 1, 3]] = x
+    L[..., 1, [1, 2, 4]] = x
+    L[..., 2, [3, 4, 5]] = x
+    return L
 
 
 @dataclass(frozen=True, eq=False)
