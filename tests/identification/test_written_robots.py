@@ -26,6 +26,9 @@ from twistwrench.identification.write import check_written
 from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.testing import random_robot
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 GIVEN = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
 
 

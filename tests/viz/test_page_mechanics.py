@@ -17,6 +17,9 @@ import twistwrench as tw
 from twistwrench.viz import write_page
 from twistwrench.viz.page_programs import MAX_INSTRUCTIONS
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 EVERY = {**ROBOTS, "panda": tw.robots.panda(), "pendulum": tw.robots.pendulum()}
 LONG = tw.Robot(chain(np.random.default_rng(0), 28 * "r").build(tip="l28"))
 ARMS = ["ur5", "panda", "planar and mimic", "helical", "elastic", "pendulum"]
