@@ -147,8 +147,9 @@ def test_a_robot_let_go_keeps_its_energy(tmp_path, name):
     assert found["work"] == 0
 
 
-def test_a_robot_falls_as_its_kernels_say(tmp_path):
+def test_a_robot_falls_as_its_kernels_say(tmp_path, monkeypatch):
     """Against SciPy's adaptive method of order 8 on compiled kernels."""
+    monkeypatch.setenv("TWISTWRENCH_JIT", "1")
     robot = EVERY["panda"]
     page = write_page(robot, tmp_path / "page.html")
     q0 = far(robot)
