@@ -22,9 +22,6 @@ from twistwrench.identification.excitation.trajectory_search import LimitBarrier
 from twistwrench.mechanics.model.actuation import with_friction
 from twistwrench.shapes.capsules import CapsuleDistances, LinkCapsules, nearest_points
 
-pytest_plugins = ("numpy_fixtures",)
-pytestmark = pytest.mark.usefixtures("on_numpy")
-
 PLANAR = tw.robots.planar_2r()
 UR5 = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
 GIVEN = {

@@ -19,9 +19,6 @@ from twistwrench.identification.doubts.fit_doubts import _largest_at, _residual_
 from twistwrench.identification.hyperparameters import FitSettings, SettingRows
 from twistwrench.identification.views.identified_robot import _open_groups
 
-pytest_plugins = ("numpy_fixtures",)
-pytestmark = pytest.mark.usefixtures("on_numpy")
-
 ARM = tw.robots.planar_2r()
 CLOCK_SOUGHT = {"cutoff": 10.0, "friction_speed": 0.05}
 GIVEN = CLOCK_SOUGHT | {"shift": 0.0}

@@ -18,9 +18,6 @@ from twistwrench.identification.parameters import FRICTION
 from twistwrench.identification.payload import known_but_for, payload_from, unknown_of
 from twistwrench.mechanics.model.actuation import with_friction
 
-pytest_plugins = ("numpy_fixtures",)
-pytestmark = pytest.mark.usefixtures("on_numpy")
-
 ARM = tw.robots.planar_2r()
 UR5 = tw.robots.ur5().lock({"shoulder_pan_joint": 0.0, "elbow_joint": 1.0, "wrist_3_joint": 0.0})
 BOX = tw.SpatialInertia.from_com(2.0, (0.02, -0.03, 0.1), np.diag([0.01, 0.012, 0.008]))

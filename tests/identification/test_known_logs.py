@@ -12,9 +12,6 @@ from twistwrench.identification import identify, without_links
 from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.testing import random_robot
 
-pytest_plugins = ("numpy_fixtures",)
-pytestmark = pytest.mark.usefixtures("on_numpy")
-
 ARM = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
 LOG = known_log(ARM, 1, seconds=10.0)
 GIVEN = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}

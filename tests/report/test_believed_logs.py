@@ -13,9 +13,6 @@ from quick import mostly_slow
 import twistwrench as tw
 from twistwrench.cli.main import main
 
-pytest_plugins = ("numpy_fixtures",)
-pytestmark = pytest.mark.usefixtures("on_numpy")
-
 LINK = (
     '<link name="{}"><inertial><origin xyz=".5 0 0"/><mass value="1"/>'
     '<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
