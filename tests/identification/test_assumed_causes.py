@@ -19,6 +19,9 @@ from twistwrench.identification.assumed import JOINTS_OF_CAUSE, WantedCause, wan
 from twistwrench.identification.diagnosis.causes import laws, time_scale
 from twistwrench.identification.diagnosis.diagnose import _is_part
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 ARM = tw.robots.planar_2r()
 NAMES = ARM.model.velocity_names
 

@@ -20,14 +20,15 @@ from twistwrench.identification.hyperparameters import FitSettings, SettingRows
 from twistwrench.identification.views.identified_robot import _open_groups
 
 ARM = tw.robots.planar_2r()
-GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
+CLOCK_SOUGHT = {"cutoff": 10.0, "friction_speed": 0.05}
+GIVEN = CLOCK_SOUGHT | {"shift": 0.0}
 
 
 @pytest.mark.parametrize(("rows", "word", "level"), [(4, "OK", "note"), (12, "UNSURE", "unsure")])
 def test_a_delay_of_a_bus_that_was_taken_off_is_a_note(rows, word, level):
     """Up to 30 ms; beyond, positions may be commands."""
     log = known_log(ARM, 1)  # 200 Hz
-    found = identify(ARM, log.changed(tau=np.roll(log.motion.tau, rows, axis=0), rows=slice(20, None)), **GIVEN)
+    found = identify(ARM, log.changed(tau=np.roll(log.motion.tau, rows, axis=0), rows=slice(20, None)), **CLOCK_SOUGHT)
     (doubt,) = found.doubts
     assert (doubt.kind, doubt.level, found.verdict.word) == ("late", level, word), doubt
     assert ("commands" in doubt.sentence) == (level == "unsure")
@@ -60,7 +61,7 @@ def test_a_law_that_held_out_rows_do_not_confirm_is_a_note(monkeypatch):
     monkeypatch.setattr(importlib.import_module("twistwrench.identification.identify"), "_MIN_DECREASE", 0.99)
     found = identify(ARM, loaded, **GIVEN)
     assert not found.settings.assumed
-    assert "Not fitted: load-friction, which would leave 2.44 %" in found.notes[-1]
+    assert "Not fitted: load-friction, which would leave 2.43 %" in found.notes[-1]
     assert [one.level for one in found.doubts if one.kind == "load-friction"] == ["note"]
 
 
@@ -182,7 +183,7 @@ def test_a_unit_of_torques_is_named_by_its_own_factor():
 
 def test_the_speed_at_which_static_friction_fades_is_the_one_that_was_given():
     laws = ("viscous", "coulomb", "stribeck")
-    found = identify(ARM, known_log(ARM, 1).motion, friction=laws, stribeck_speed=0.3, shift=0.0, **GIVEN)
+    found = identify(ARM, known_log(ARM, 1).motion, friction=laws, stribeck_speed=0.3, **GIVEN)
     assert found.base.unknown.stribeck_speed == 0.3
 
 

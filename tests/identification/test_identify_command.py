@@ -104,7 +104,7 @@ def test_look_again_writes_nothing_but_json(logs, tmp_path):
     m = tw.Motion.from_file(logs / "log1.csv", ARM)
     tw.Motion(m.time, m.q, m.dq, m.ddq, m.tau * [1, -1], robot=ARM, in_seconds=True).to_csv(logs / "turned.csv")
     out, told = tmp_path / "new.urdf", tmp_path / "found.json"
-    result = run("planar_2r", logs / "turned.csv", "--cutoff", 10, "--out", out, "--json", told)
+    result = run("planar_2r", logs / "turned.csv", *SETTINGS, "--out", out, "--json", told)
     assert result.exit_code == 1 and "LOOK AGAIN" in result.output
     assert told.is_file() and not out.exists()
 
@@ -127,7 +127,7 @@ def test_logs_of_motors(logs, tmp_path):
     found = []
     for log, options in ((logs / "log1.csv", ()), (logs / "motors.csv", ("--actuators", tmp_path / "arm.yaml"))):
         path = tmp_path / f"{log.stem}.json"
-        run("planar_2r", log, "--cutoff", 10, "--json", path, *options)
+        run("planar_2r", log, *SETTINGS, "--json", path, *options)
         found.append(json.loads(path.read_text()))
     assert found[1]["held_out"]["all"] < 1.5 * found[0]["held_out"]["all"]
     one, other = (f["parameters"]["link2.mcx"] for f in found)
@@ -188,7 +188,7 @@ def test_an_actuator_file_of_other_joints_is_refused(logs, tmp_path):
     """It would say nothing of these joints, and its ratios would be lost."""
     file = tmp_path / "drives.yaml"
     file.write_text("actuators:\n  joint_5: {ratio: 100}\n", "utf-8")
-    result = run("planar_2r", logs, "--cutoff", 10, "--actuators", file)
+    result = run("planar_2r", logs, *SETTINGS, "--actuators", file)
     assert result.exit_code == 2 and "no joint named 'joint_5'. Did you mean 'joint2'" in result.output
 
 

@@ -14,8 +14,9 @@ from twistwrench.testing import random_robot
 
 ARM = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
 LOG = known_log(ARM, 1, seconds=10.0)
-GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
-"""Hz and rad/s: what the program chooses is tested apart."""
+GIVEN = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
+"""Hz, rad/s and s: what the program chooses is tested apart."""
+CLOCK_SOUGHT = {"cutoff": 10.0, "friction_speed": 0.05}
 
 
 def kinds(found, *, refusing=False):
@@ -138,9 +139,7 @@ def test_rows_that_repeat_others_are_noted(tmp_path):
     path = known_log(arm, 2, seconds=8.0).motion.to_csv(tmp_path / "log.csv")
     first, *rows = path.read_text("utf-8").splitlines()
     path.write_text("\n".join([first, *(row for row in rows for _ in range(2))]), "utf-8")
-    found = identify(
-        arm, tw.Motion.from_file(path, arm), motor_inertia=False, cutoff=10.0, friction_speed=0.05, shift=0.0
-    )
+    found = identify(arm, tw.Motion.from_file(path, arm), motor_inertia=False, **GIVEN)
     assert any("rows that repeat the row before" in note for note in found.notes)
 
 
@@ -155,8 +154,7 @@ def test_a_robot_at_rest_is_unexciting_and_no_cause_is_sought():
     assert [(doubt.kind, doubt.refuses) for doubt in found.doubts] == [("unexciting", False)]
     assert str(found.verdict).startswith("UNSURE: the robot stood still")
     moving = tw.Motion(t, q, tau=np.sin(t[:, None]) + 0.01 * rng.normal(size=q.shape), robot=arm)
-    given = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
-    dead = next(doubt for doubt in identify(arm, moving, **given).doubts if doubt.kind == "dead-position")
+    dead = next(doubt for doubt in identify(arm, moving, **GIVEN).doubts if doubt.kind == "dead-position")
     assert dead.refuses and "all joints" in dead.sentence
 
 
@@ -166,7 +164,7 @@ def test_torques_that_fit_exactly_at_rest_are_no_fault(noise):
     t = np.arange(0, 1.5, 0.01)
     q = np.tile(np.linspace(0.3, -0.6, 6), (len(t), 1))
     tau = arm.gravity_forces(q) + noise * np.random.default_rng(1).standard_normal(q.shape)
-    found = identify(arm, tw.Motion(t, q, tau=tau, robot=arm), cutoff=10.0, friction_speed=0.05, shift=0.0)
+    found = identify(arm, tw.Motion(t, q, tau=tau, robot=arm), **GIVEN)
     assert [doubt.kind for doubt in found.doubts] == ["unexciting"]
 
 
@@ -200,7 +198,7 @@ def test_exchanged_torque_columns():
 @pytest.mark.parametrize("rows", mostly_slow([2, 10, 14], 3))
 def test_late_torques(rows):
     """10, 50 and 70 ms at 200 Hz; found, taken off, and said."""
-    found = identify(ARM, LOG.changed(tau=np.roll(LOG.motion.tau, rows, axis=0), rows=slice(20, None)), **GIVEN)
+    found = identify(ARM, LOG.changed(tau=np.roll(LOG.motion.tau, rows, axis=0), rows=slice(20, None)), **CLOCK_SOUGHT)
     assert abs(found.settings.shift - 0.005 * rows) < 0.002
     assert kinds(found) == {"late"} and found.held_out.all < 0.03
     assert "ms after the positions of their rows" in str(found.doubts[0])
@@ -208,7 +206,7 @@ def test_late_torques(rows):
 
 def test_a_delay_that_the_caller_leaves_in_is_not_said_to_be_taken_off():
     late = LOG.changed(tau=np.roll(LOG.motion.tau, 10, axis=0), rows=slice(20, None))
-    found = identify(ARM, late, **GIVEN, shift=0.0)
+    found = identify(ARM, late, **GIVEN)
     (doubt,) = [doubt for doubt in found.doubts if doubt.kind == "late"]
     assert doubt.refuses and abs(doubt.value - 50.0) < 2.0 and found.settings.shift == 0.0
     assert "The fit has 0.000 s in its place: give shift=0.0" in doubt.sentence

@@ -16,7 +16,7 @@ from twistwrench.identification.diagnosis.log_states import jump_of
 
 ARM = tw.robots.planar_2r()
 LOG = known_log(ARM, 1)
-GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
+GIVEN = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
 
 
 def gain(q, tau):

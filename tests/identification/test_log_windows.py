@@ -23,14 +23,15 @@ FIXED = {"cutoff": 8.0, "shift": 0.003, "friction_speed": 0.05}
 
 @pytest.fixture(scope="module")
 def log():
-    """30,000 samples in 120 s."""
-    return known_log(ARM, 3, seconds=120.0, rate=250.0).motion
+    """15,000 samples in 120 s."""
+    return known_log(ARM, 3, seconds=120.0, rate=125.0).motion
 
 
 @pytest.fixture
 def short(monkeypatch):
     """A bound on the samples that the log exceeds three times, in windows of 16 s or less."""
-    monkeypatch.setattr(log_windows, "MOST_STATES", 10_000)
+    monkeypatch.setattr(log_windows, "MOST_STATES", 5_000)
+    monkeypatch.setattr(log_windows, "WINDOW", 2048)
 
 
 def recorded(path: Path, motion: tw.Motion) -> Path:
@@ -99,7 +100,7 @@ def test_a_file_gives_what_its_motion_gives(log, tmp_path):
 def test_a_long_log_gives_the_robot_of_all_its_samples(log, short, monkeypatch):
     """A third of the samples: the same within what noise leaves open, and intervals that are wider."""
     third = identify(ARM, log, **FIXED)
-    assert third.notes == ("10,000 of 30,000 samples, in 3 windows.",)
+    assert third.notes == ("5,000 of 15,000 samples, in 3 windows.",)
     monkeypatch.undo()
     whole = identify(ARM, log, **FIXED)
     assert not whole.notes and third.verdict.word == whole.verdict.word
@@ -184,7 +185,7 @@ def test_causes_are_assumed_at_any_length(log, short):
     gained = tw.Motion(log.time, log.q, tau=log.tau * [1.0, 2.0], robot=ARM)
     found = identify(ARM, gained, assume=f"gain:{ARM.joint_names[1]}", cutoff=8.0, shift=0.0)
     (cause,) = found.settings.assumed
-    assert found.notes[-1].startswith("10,000 of 30,000") and abs(cause.value - 2.0) < 0.05
+    assert found.notes[-1].startswith("5,000 of 15,000") and abs(cause.value - 2.0) < 0.05
 
 
 # ── Checks of all rows
@@ -225,9 +226,9 @@ def test_logs_cut_short_are_said_to_be(log, tmp_path, monkeypatch):
     with pytest.raises(tw.TrajectoryError, match="cut short"):
         identify(ARM, path)
     holed = tw.Motion(log.time, log.q, log.dq, log.ddq, log.tau.copy(), robot=ARM, in_seconds=True)
-    holed.tau[20_000, 0] = np.nan
+    holed.tau[10_000, 0] = np.nan
     recorded(path, holed)
-    with pytest.raises(tw.TrajectoryError, match=r"row 20001, column 'joint1\.tau' is nan"):
+    with pytest.raises(tw.TrajectoryError, match=r"row 10001, column 'joint1\.tau' is nan"):
         identify(ARM, path)
 
 
@@ -258,10 +259,10 @@ def test_a_dead_channel_is_announced_and_counts_nothing(log, short):
 
 def test_a_log_of_other_torques_is_named(log):
     """A second log in which the torque of one joint has the other sign: the time at which it begins is told."""
-    half = log[15_000:]
+    half = log[7_500:]
     turned = tw.Motion(half.time, half.q, half.dq, half.ddq, half.tau * [1.0, -1.0], robot=ARM, in_seconds=True)
-    assert identify(ARM, [log[:15_000], half], **FIXED).verdict.ok
-    (doubt,) = identify(ARM, [log[:15_000], turned], **FIXED).doubts
+    assert identify(ARM, [log[:7_500], half], **FIXED).verdict.ok
+    (doubt,) = identify(ARM, [log[:7_500], turned], **FIXED).doubts
     assert doubt.kind == "gain-change" and "-1 times as large from 60" in doubt.sentence, doubt
 
 
@@ -270,7 +271,7 @@ def test_bits_do_not_depend_on_workers(log, tmp_path, short):
     pytest.importorskip("distributed")
     from twistwrench.core.third_party.workers import workers_of
 
-    paths = [recorded(tmp_path / f"{k}.npy", log[a:b]) for k, (a, b) in enumerate([(0, 14_000), (14_000, 30_000)])]
+    paths = [recorded(tmp_path / f"{k}.npy", log[a:b]) for k, (a, b) in enumerate([(0, 7_000), (7_000, 15_000)])]
     alone = identify(ARM, paths, **FIXED)
     with workers_of(2) as team:
         shared = identify(ARM, paths, client=team.client, **FIXED)

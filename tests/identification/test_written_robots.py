@@ -26,7 +26,10 @@ from twistwrench.identification.write import check_written
 from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.testing import random_robot
 
-GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
+GIVEN = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
 
 
 def random_problem(seed, joints=4, rows=60):
@@ -200,12 +203,12 @@ def test_what_no_file_holds_and_what_is_pulled_out_of_its_interval_is_told(tmp_p
     log = known_log(arm, 3, seconds=10.0, rate=100.0)
     side = tw.identification.MotorSide(np.array([[1.0, 0.0], [1.0, 1.0]]), np.zeros(2), np.ones(2))
     motors = tw.Motion(log.motion.time, log.motion.q, tau=log.motion.tau, robot=arm)
-    found = tw.identification.identify(arm, motors, cutoff=10.0, motor_side=side)
+    found = tw.identification.identify(arm, motors, **GIVEN, motor_side=side)
     together = found.consistent.of_several_joints
     assert set(together) == {f"joint1+joint2.{kind}" for kind in ("motor_inertia", "viscous", "coulomb")}
     notes = " ".join(found.write(None, tmp_path / "new.yaml", force=True))
     assert "joint1+joint2.viscous" in notes and "joint1+joint2.viscous" in (tmp_path / "new.yaml").read_text("utf-8")
-    plain = tw.identification.identify(arm, motors, cutoff=10.0)
+    plain = tw.identification.identify(arm, motors, **GIVEN)
     wide = plain.interval() + np.array([-9.0, 9.0])
     assert plain.consistent.outside(wide, plain.standard_deviations) == []
     pulled = plain.consistent_at(1e5)
@@ -216,11 +219,11 @@ def test_what_no_file_holds_and_what_is_pulled_out_of_its_interval_is_told(tmp_p
 
 def test_the_page_shows_each_picture_and_friction_only_where_it_was_sought(tmp_path):
     log = known_log(tw.robots.planar_2r(), 3, seconds=10.0, rate=100.0).motion
-    found = tw.identification.identify(tw.robots.planar_2r(), log, **GIVEN, shift=0.0)
+    found = tw.identification.identify(tw.robots.planar_2r(), log, **GIVEN)
     page = found.report(tmp_path / "a.html").read_text("utf-8")
     assert page.count("<svg") == 7 and 'aria-label="Friction"' in page
     assert all(model in page for model in ("file, friction fitted", "identified", "physically consistent bodies"))
-    bare = tw.identification.identify(tw.robots.planar_2r(), log, **GIVEN, shift=0.0, friction=())
+    bare = tw.identification.identify(tw.robots.planar_2r(), log, **GIVEN, friction=())
     page = bare.report(tmp_path / "b.html").read_text("utf-8")
     assert page.count("<svg") == 6 and 'aria-label="Friction"' not in page
 

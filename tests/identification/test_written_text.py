@@ -15,6 +15,9 @@ from quick import mostly_slow
 import twistwrench as tw
 from twistwrench.identification import identify
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 GIVEN = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
 SAME = 1e-12
 """Share of the largest torque: numbers are written with all their digits, and turned by rotations at most."""

@@ -11,7 +11,8 @@ import twistwrench as tw
 from twistwrench import Motion, trajectories
 from twistwrench.cli.main import main
 
-pytest_plugins = ("torque_fixtures",)
+pytest_plugins = ("torque_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 T = np.arange(0, 8, 0.01)
 Q = 0.8 * np.sin(T[:, None] * np.arange(1, 7) / 3)

@@ -14,6 +14,9 @@ from twistwrench.core.answers.blocks import Bar, Headline, Line, Table, numbers,
 from twistwrench.core.answers.data import report_data
 from twistwrench.core.verdict import Word
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 COMMANDS = {
     "torques": ["torques", "ur5", "--trajectory", "demo", "--payload", "10", "--actuators", "demo", "--why", "--all"],
     "torques, many": ["torques", "ur5", "--trajectory", "LOGS"],

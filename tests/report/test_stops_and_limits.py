@@ -10,7 +10,8 @@ import pytest
 
 from twistwrench import Motion, robots
 
-pytest_plugins = ("torque_fixtures",)
+pytest_plugins = ("torque_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 T = np.arange(0, 6, 0.01)
 Q = 0.8 * np.sin(T[:, None] * np.arange(1, 7) / 3)

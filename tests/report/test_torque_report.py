@@ -15,7 +15,8 @@ from twistwrench.motion.load_case import TERMS
 from twistwrench.reports.spoken_verdict import _nearer_sentences
 from twistwrench.reports.statistics import Bins, Gaps, gap_edges, mean_weights
 
-pytest_plugins = ("torque_fixtures",)
+pytest_plugins = ("torque_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 
 # ── figures ──

@@ -15,7 +15,8 @@ from twistwrench.motion.load_case import parse_payload, parse_wrenches
 from twistwrench.motion.model_doubts import missing_force, open_loop_joints
 from twistwrench.reports.torque_report import JointTorque
 
-pytest_plugins = ("torque_fixtures",)
+pytest_plugins = ("torque_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 DEMO = Path(robots.__file__).parent / "ur5_demo.csv"
 
 # ── options ──

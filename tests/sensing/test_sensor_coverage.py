@@ -52,8 +52,8 @@ def between(shares, trials, low, high):
 @pytest.mark.parametrize("noise", mostly_slow([NOISE, UNEQUAL], 2), ids=["equal", "unequal"])
 @pytest.mark.parametrize("error", [0.0, 1.0])
 def test_every_interval_holds_the_truth_in_95_percent(noise, error):
-    shares = covered(np.random.default_rng(7), 250, noise=noise, error=error, samples=100 if error else 1)
-    assert between(shares, 250, 0.93, 0.97), shares
+    shares = covered(np.random.default_rng(7), 150, noise=noise, error=error, samples=100 if error else 1)
+    assert between(shares, 150, 0.93, 0.97), shares
 
 
 @pytest.mark.slow
@@ -74,12 +74,12 @@ def right(found):
 @pytest.mark.parametrize("turned", [False, True], ids=["readings", "orientations"])
 @pytest.mark.parametrize("error", mostly_slow([pytest.param(0.3, marks=pytest.mark.slow), 1.0, 3.0], 2))
 def test_poses_that_are_off_do_not_make_the_mass_surer_than_it_is(error, turned):
-    # By one witness for each reading 53, 23 and 15 % of the intervals held it. 36 of 40 are 90 %; a true 95 % gives 32 or
-    # fewer once in 20,000 runs.
+    # By one witness for each reading 53, 23 and 15 % of the intervals held it. Of 24 logs, a true 95 % gives 18 or fewer once
+    # in 1,000 runs, and a true 53 % more than 18 once in 130.
     rng = np.random.default_rng(11)
-    found = [identify(dwells(rng, error=error, turned=turned)) for _ in range(40)]
-    assert sum(map(right, found)) > 32
-    assert sum(f.verdict.ok for f in found) > 32  # and pose errors alone are not a reason not to answer
+    found = [identify(dwells(rng, error=error, turned=turned)) for _ in range(24)]
+    assert sum(map(right, found)) > 18
+    assert sum(f.verdict.ok for f in found) > 18  # and pose errors alone are not a reason not to answer
 
 
 def test_pose_errors_are_not_taken_for_a_turned_mounting():

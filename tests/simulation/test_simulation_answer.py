@@ -70,7 +70,7 @@ def test_a_fall_past_a_limit_is_done_and_one_under_a_controller_is_judged():
     robot = tw.robots.ur5()
     fall = robot.simulate(duration=2.0, dt=0.01)
     assert fall.verdict.word == "DONE" and fall.verdict.ok
-    driven = robot.simulate(duration=0.3, dt=0.01, controller=lambda t, q, dq: np.full(6, 300.0))
+    driven = robot.simulate(duration=0.02, dt=0.01, controller=lambda t, q, dq: 300.0 * np.eye(6)[0])
     assert driven.verdict.word == "OVER LIMIT" and driven.verdict.exit_code == 1
 
 

@@ -8,6 +8,9 @@ from article_under_node import pictures_under_node
 
 import twistwrench as tw
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 ARM = tw.robots.planar_2r()
 
 

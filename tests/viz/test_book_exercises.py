@@ -12,7 +12,8 @@ from twistwrench.viz import scene_of, write_page
 from twistwrench.viz.page import viewer_page
 from twistwrench.viz.section_pages import SECTIONS
 
-pytest_plugins = ("page_fixtures",)
+pytest_plugins = ("page_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 ANSWER = """(m, given) => given.states.map((state) => {
     m.mass = given.mass; m.push = given.push; m.tau = state.tau;

@@ -19,7 +19,8 @@ from twistwrench.viz import scene_of, write_page
 from twistwrench.viz.article import ARTICLES
 from twistwrench.viz.section_pages import SECTIONS, opening_picture
 
-pytest_plugins = ("page_fixtures",)
+pytest_plugins = ("page_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 ARMS = ["planar_2r", "ur5", "panda"]
 READ = """(m, given) => given.states.map((state) => {

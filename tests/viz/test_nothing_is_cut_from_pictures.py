@@ -13,6 +13,9 @@ from twistwrench.cli.main import main
 from twistwrench.viz import style
 from twistwrench.viz.plots.holds import plot_support
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 TREE = '<robot name="many"><link name="base"/>{}</robot>'
 JOINT = (
     '<link name="l{0}"><inertial><origin xyz="0 0 -.1"/><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" '

@@ -11,6 +11,9 @@ import twistwrench as tw
 from twistwrench.viz import scene_of, write_page
 from twistwrench.viz.page_floor import spheres_of
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 DROP = """(m, { seconds, stops, height, q }) => {
     m.open = Boolean(m.robot.loops);
     const floor = new Floor(m, height, q ?? m.robot.start), fall = new Fall(m, q ?? m.robot.start, [], stops, null, floor);

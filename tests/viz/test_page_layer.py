@@ -13,7 +13,8 @@ from twistwrench.statics.contacts import contact_maps
 from twistwrench.viz import plots
 from twistwrench.viz.colours import SEQUENTIAL
 
-pytest_plugins = ("page_fixtures",)
+pytest_plugins = ("page_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 
 @pytest.fixture(scope="module")

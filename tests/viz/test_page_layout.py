@@ -11,7 +11,8 @@ import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.viz import write_page
 
-pytest_plugins = ("page_fixtures",)
+pytest_plugins = ("page_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 READY = "!!window.viewer"
 SETTLE = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 60))))"

@@ -15,7 +15,8 @@ from twistwrench.cli.main import main
 from twistwrench.viz import write_page
 from twistwrench.viz.page_loops import closed_by_file, contacts_of
 
-pytest_plugins = ("page_fixtures",)
+pytest_plugins = ("page_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 LEG = (  # joint, axis, where it is on the link before, limits, mass and length of its link
     ("yaw", "0 0 1", "0 {y} -0.1", (-0.6, 0.6), 1.0, 0.0),

@@ -17,6 +17,9 @@ import twistwrench as tw
 from twistwrench.viz import write_page
 from twistwrench.viz.page_programs import MAX_INSTRUCTIONS
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 EVERY = {**ROBOTS, "panda": tw.robots.panda(), "pendulum": tw.robots.pendulum()}
 LONG = tw.Robot(chain(np.random.default_rng(0), 28 * "r").build(tip="l28"))
 ARMS = ["ur5", "panda", "planar and mimic", "helical", "elastic", "pendulum"]
@@ -144,8 +147,9 @@ def test_a_robot_let_go_keeps_its_energy(tmp_path, name):
     assert found["work"] == 0
 
 
-def test_a_robot_falls_as_its_kernels_say(tmp_path):
+def test_a_robot_falls_as_its_kernels_say(tmp_path, monkeypatch):
     """Against SciPy's adaptive method of order 8 on compiled kernels."""
+    monkeypatch.setenv("TWISTWRENCH_JIT", "1")
     robot = EVERY["panda"]
     page = write_page(robot, tmp_path / "page.html")
     q0 = far(robot)

@@ -11,7 +11,8 @@ import twistwrench as tw
 from twistwrench.viz import write_page
 from twistwrench.viz.starting_pose import STOP_CLEARANCE, clear_of_stops, starting_pose
 
-pytest_plugins = ("page_fixtures",)
+pytest_plugins = ("page_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 BUNDLED = ("ur5", "panda", "planar_2r", "planar_3r", "pendulum", "cart_pole", "floating_box", "quadruped")
 MASS, PUSH = 1.5, np.array([7.0, -8.0, 9.0])
 

@@ -15,6 +15,9 @@ from twistwrench.mechanics.model.legs import hanging_base
 from twistwrench.viz import scene_of, write_page
 from twistwrench.viz.starting_pose import is_arm, starting_pose
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 NAMES = ("go2_description/go2", "go1_description/go1", "g1_description/g1_29dof_rev_1_0", "solo_description/solo12")
 
 

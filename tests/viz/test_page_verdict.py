@@ -21,6 +21,9 @@ from twistwrench.reports.spoken_verdict import verdict_text as said
 from twistwrench.reports.torque_analysis import analyse
 from twistwrench.viz import motion_of, write_page
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 SET = "m.mass = given.mass; m.push = given.push; motion.pace = given.pace; motion.run();"
 SAY = f"(m, all, motion) => all.map((given) => {{ {SET} return new Verdict(motion, m.robot).now.text; }})"
 SWEEP = f"(m, all, motion) => all.map((given) => {{ {SET} return motion.tau.slice(); }})"

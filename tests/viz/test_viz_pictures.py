@@ -27,6 +27,9 @@ from twistwrench.viz import energies, film, motion_of, movie, plot_phase, plot_p
 from twistwrench.viz.pictures import robot_picture
 from twistwrench.viz.plots.robot_picture import Camera, Painter, still
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 T = np.linspace(0.0, 2.0, 401)
 
 

@@ -18,6 +18,9 @@ from twistwrench.shapes.surface import box, cylinder, ellipsoid, joined, sphere
 from twistwrench.shapes.visuals import read_visuals
 from twistwrench.viz.scene import equal_inertia_ellipsoid, scene_of, turned_z
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 INERTIA = '<inertial><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>'
 BOX = '<visual><origin xyz="0.1 0.2 0.3" rpy="0.4 0 0"/><geometry><box size="0.2 0.4 0.6"/></geometry></visual>'
 

@@ -184,15 +184,11 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
 
 def _inertia_product_matrix(x: Array) -> Array:
     """Matrix L with I x = L (Ixx, Ixy, Iyy, Ixz, Iyz, Izz); (..., 3) → (..., 3, 6)."""
-    x1, x2, x3 = np.moveaxis(x, -1, 0)
-    o = np.zeros_like(x1)
-    L = [
-        [x1, x2, o, x3, o, o],
-        [o, x1, x2, o, x3, o],
-        [o, o, o, x1, x2, x3],
-    ]
-    rows = [np.stack(row, axis=-1) for row in L]
-    return np.stack(rows, axis=-2)
+    L = np.zeros((*x.shape[:-1], 3, 6), x.dtype)
+    L[..., 0, [0, 1, 3]] = x
+    L[..., 1, [1, 2, 4]] = x
+    L[..., 2, [3, 4, 5]] = x
+    return L
 
 
 @dataclass(frozen=True, eq=False)

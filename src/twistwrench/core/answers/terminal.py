@@ -28,10 +28,11 @@ class _Output(Console):
     def render(self, renderable: Any, options: Any = None) -> Any:
         """Segments of Rich, with control characters of their texts as escapes."""
         for segment in super().render(renderable, options):
-            if segment.control:  # Rich's own codes
+            text = visible(segment.text)
+            if segment.control or text == segment.text:  # Rich's own codes, or nothing to escape
                 yield segment
             else:
-                yield Segment(visible(segment.text), segment.style)
+                yield Segment(text, segment.style)
 
     def on_broken_pipe(self) -> None:
         """Raise the error again, so that the command ends with its exit code; Rich would exit with another one."""
@@ -62,15 +63,15 @@ _ROW_COUNTS = (10, 8, 6, 4, 3, 2)
 
 def as_text(blocks: Iterable[Block]) -> str:
     """Short form of a report in 80 columns, without colours."""
-    return _plain_text(short_form(blocks, ".print(every=True)")).rstrip("\n")
-
-
-def _plain_text(blocks: Iterable[Block]) -> str:
-    """Blocks in 80 columns, without colours."""
-    output = _Output(width=_TEXT_WIDTH, file=StringIO(), highlight=False, color_system=None)
+    output = _plain_output()
     with output.capture() as captured:
-        _print(blocks, output)
-    return captured.get()
+        _print(short_form(blocks, ".print(every=True)"), output)
+    return captured.get().rstrip("\n")
+
+
+def _plain_output() -> _Output:
+    """Console of 80 columns without colours, for text that is captured."""
+    return _Output(width=_TEXT_WIDTH, file=StringIO(), highlight=False, color_system=None)
 
 
 def print_blocks(blocks: Iterable[Block], *, every: bool = False, file: TextIO | None = None) -> None:
@@ -89,12 +90,30 @@ def short_form(blocks: Iterable[Block], hint: str) -> list[Block]:
 
     Lines are counted at 80 columns, so the form is the same at every width. The ``hint`` says how to see everything.
     """
-    shortest: list[Block] = []
+    output = _plain_output()
     for form in _short_forms(list(blocks), hint):
-        if _plain_text(form).count("\n") <= MAX_LINES:
-            return form
-        shortest = form
-    return shortest
+        if _fits_on_a_screen(form, output):
+            break
+    return form
+
+
+def _fits_on_a_screen(blocks: Iterable[Block], output: _Output) -> bool:
+    """True if blocks have at most 45 lines; those behind the 45th are not counted."""
+    line_count = 0
+    for block in blocks:
+        line_count += _line_count(renderable(block, output), output)
+        if line_count > MAX_LINES:
+            return False
+    return True
+
+
+def _line_count(content: RenderableType, output: _Output) -> int:
+    """Lines of printed content. Those of a table in which nothing is wrapped are counted without printing it."""
+    if isinstance(content, TerminalTable) and content.is_printed_as_it_is(output):
+        return content.line_count
+    with output.capture() as captured:
+        output.print(content)
+    return captured.get().count("\n")
 
 
 def _short_forms(blocks: list[Block], hint: str) -> Iterator[list[Block]]:
@@ -145,11 +164,9 @@ def _print(blocks: Iterable[Block], output: Console) -> None:
 def renderable(block: Block, output: Console) -> RenderableType:
     """Rich renderable of a block; a table has its narrow columns if it is too wide even without padding."""
     if isinstance(block, Table):
-        table_without_padding = TerminalTable(block)
-        table_without_padding.padding = (0, 0)
-        unbounded = output.options.update(max_width=_UNBOUNDED_WIDTH)
-        width = Measurement.get(output, unbounded, table_without_padding).maximum
-        return TerminalTable(block, narrow=width > output.width)
+        whole_table = TerminalTable(block)
+        is_too_wide = whole_table.excess_width(output, output.options, padding=(0, 0)) > 0
+        return TerminalTable(block, narrow=True) if is_too_wide else whole_table
     if isinstance(block, Branch):
         return _rich_tree(block)
     if isinstance(block, Aligned):
@@ -214,21 +231,28 @@ class TerminalTable(table.Table):
         if content.title:
             title = Text(content.title, style=terminal_style(content.style), no_wrap=True, overflow="ignore")
         super().__init__(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
+        self._widest_row = table.Table(box=box.SIMPLE_HEAD, pad_edge=False)
+        """Table of the widest cell of each column, which is as wide as all rows and faster to measure."""
+        self._widths: dict[tuple[int, int, int, int], int] = {}
+        """Measured width of the whole table, for each padding."""
         columns = list(content.columns)
         if narrow:
             columns = [column.narrow or column for column in content.columns if not column.wide_only]
         self._foldable_columns: list[list[Text]] = []
         """Cells of each column whose names may be folded."""
         cells_of_columns: list[list[Text]] = []
+        widest_cells: list[Text] = []
         for column in columns:
             texts = [_rich_text(column.show(value)) for value in column.values]
             self._add(column, texts)
             cells_of_columns.append(texts)
+            widest_cells.append(max(texts, key=_width_of_text, default=Text()))
             if column.words and not column.whole:
                 self._foldable_columns.append(texts)
         rows = zip(*cells_of_columns, strict=True)
         for row, style in zip(rows, content.styles, strict=True):
             self.add_row(*row, style=terminal_style(style))
+        self._widest_row.add_row(*widest_cells)
 
     def _add(self, column: Column, texts: list[Text]) -> None:
         """Add a column with the least width at which its cells can be read."""
@@ -245,20 +269,21 @@ class TerminalTable(table.Table):
             widths.append(column.min_width)
         elif not column.words:
             widths.append(max(map(cell_len, column.head.split()), default=0))
-        self.add_column(
-            Text(column.head),
-            justify="left" if column.words else "right",
-            overflow="fold" if column.words else "ellipsis",
-            style=terminal_style(column.style),
-            min_width=max(widths, default=None),
-        )
+        for rich_table in (self, self._widest_row):
+            rich_table.add_column(
+                Text(column.head),
+                justify="left" if column.words else "right",
+                overflow="fold" if column.words else "ellipsis",
+                style=terminal_style(column.style),
+                min_width=max(widths, default=None),
+            )
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Render the table. If it is too wide it has no padding, and if this is not enough, names are folded."""
-        excess = self._excess_width(console, options)
+        excess = self.excess_width(console, options)
         if excess > 0:
             self.padding = (0, 0)
-            excess = self._excess_width(console, options)
+            excess = self.excess_width(console, options)
         if excess > 0:
             self._fold_names(excess)
         yield from super().__rich_console__(console, options)
@@ -286,10 +311,38 @@ class TerminalTable(table.Table):
             for text in texts:
                 text.plain = _fold_name(text.plain, width)
 
-    def _excess_width(self, console: Console, options: ConsoleOptions) -> int:
-        """Number of characters by which the table is wider than the console; negative if it fits."""
-        unbounded = options.update(max_width=_UNBOUNDED_WIDTH)
-        return Measurement.get(console, unbounded, self).maximum - options.max_width
+    def excess_width(self, console: Console, options: ConsoleOptions, padding: tuple[int, int] | None = None) -> int:
+        """Characters by which the table is wider than the console, with its padding or another one."""
+        measured = self._widest_row
+        measured.padding = self.padding if padding is None else padding
+        if measured.padding not in self._widths:
+            unbounded = options.update(max_width=_UNBOUNDED_WIDTH)
+            self._widths[measured.padding] = Measurement.get(console, unbounded, measured).maximum
+        return self._widths[measured.padding] - options.max_width
+
+    def is_printed_as_it_is(self, console: Console) -> bool:
+        """True if the table is not too wide, and Rich prints its texts in the lines that they have."""
+        texts = [column.header for column in self.columns] + [cell for column in self.columns for cell in column.cells]
+        if self.title:
+            texts.append(self.title)
+        are_plain = all(line.isprintable() for text in texts for line in str(text).split("\n"))  # tabs are not
+        return are_plain and self.excess_width(console, console.options) <= 0
+
+    @property
+    def line_count(self) -> int:
+        """Lines of the printed table if none is wrapped: title, blank line, heads, rule, rows, blank line."""
+        rows = [
+            [column.header for column in self.columns],
+            *zip(*(column.cells for column in self.columns), strict=True),
+        ]
+        heights = [max(str(cell).count("\n") + 1 for cell in row) for row in rows]
+        title_height = str(self.title).count("\n") + 1 if self.title else 0
+        return title_height + sum(heights) + 3
+
+
+def _width_of_text(text: Text) -> int:
+    """Characters of the longest line."""
+    return max(map(cell_len, text.plain.splitlines()), default=0)
 
 
 def _name_parts(name: str) -> list[str]:

@@ -28,7 +28,7 @@ def rotation(quat: ArrayLike) -> Array:
             _require_nonzero(np.zeros(()), "quaternion.rotation: quat")  # a size of zero, which raises
         nine_numbers = entries(w, x, y, z, 2.0 / square * (square / square))
         return np.array(nine_numbers).reshape(3, 3)
-    w, x, y, z = np.moveaxis(quat, -1, 0)
+    w, x, y, z = (quat[..., k] for k in range(4))
     square = w * w + x * x + y * y + z * z
     if quat.dtype != object:
         _require_nonzero(square, "quaternion.rotation: quat")
@@ -53,8 +53,8 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Product a b (first b, then a); (..., 4), (..., 4) → (..., 4)."""
     a = arguments.array(a, "quaternion.multiply: a", 4)
     b = arguments.array(b, "quaternion.multiply: b", 4)
-    a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
-    b0, b1, b2, b3 = np.moveaxis(b, -1, 0)
+    a0, a1, a2, a3 = (a[..., k] for k in range(4))
+    b0, b1, b2, b3 = (b[..., k] for k in range(4))
     try:
         return np.stack(
             [

@@ -59,7 +59,7 @@ def hat(w: ArrayLike) -> Array:
     if w.ndim == 1:  # for three numbers, floats are faster than NumPy
         x, y, z = w.tolist()
         return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], w.dtype)
-    x, y, z = np.moveaxis(w, -1, 0)
+    x, y, z = w[..., 0], w[..., 1], w[..., 2]
     W = np.zeros((*w.shape, 3), w.dtype)
     W[..., 2, 1] = x
     W[..., 0, 2] = y
@@ -113,8 +113,8 @@ def cross(a: ArrayLike, b: ArrayLike) -> Array:
     if a.ndim == b.ndim == 1 and a.dtype == b.dtype:  # for three numbers, floats are faster than NumPy
         (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
         return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], a.dtype)
-    a0, a1, a2 = np.moveaxis(a, -1, 0)
-    b0, b1, b2 = np.moveaxis(b, -1, 0)
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
     try:
         return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
     except ValueError:  # batches that do not fit
