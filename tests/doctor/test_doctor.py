@@ -584,6 +584,22 @@ def test_a_link_without_mass_at_the_end_is_named_with_its_joint():
         load_quietly(text).forward_dynamics(np.zeros(4), np.zeros(4), np.zeros(4))
 
 
+@pytest.mark.parametrize(
+    ("bare", "moves_nothing"),
+    [((0, 1, 2, 3), (0, 1, 2, 3)), ((1, 2), ()), ((0, 3), (3,))],
+)
+def test_joints_that_move_no_mass_make_the_mass_matrix_singular_and_are_named(bare, moves_nothing):
+    """Those that nothing with a mass comes after, also where nothing has a mass at all."""
+    text = Arm(2).text()
+    for k in bare:
+        text = re.sub(rf'(<link name="link{k}">\s*)<inertial>.*?</inertial>', r"\1", text, flags=re.DOTALL)
+    found = tw.doctor(text, only="massless").findings
+    named = [re.findall(r"'(joint\d)'", f.sentence) for f in found if "M is singular" in f.sentence]
+    assert named == ([[f"joint{k}" for k in moves_nothing]] if moves_nothing else [])
+    assert sum(f.numbers["links"] for f in found) == len(bare)
+    assert all((f.severity is Severity.WARNING) == ("M is singular" in f.sentence) for f in found)
+
+
 def test_inertia_without_mass_and_a_distant_com_are_found():
     arm = Arm(2)
     text = arm.text().replace(f'mass value="{arm.inertias[1].mass!r}"', 'mass value="0"')

@@ -143,6 +143,69 @@ def test_the_stance_foot_of_a_biped_does_not_move_and_the_rates_of_its_base_are_
     assert_allclose(motion.ddq[2:-2][rows], change[rows], atol=2e-3 * np.abs(change).max())
 
 
+LIFTED = """<robot name="lifted"><link name="trunk"><inertial><mass value="10"/><inertia ixx="1" ixy="0" ixz="0" iyy="1"
+iyz="0" izz="1"/></inertial></link>{legs}</robot>"""
+LEG = """<link name="{name}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+<collision><geometry><box size="0.2 0.1 0.02"/></geometry></collision></link><joint name="{name}_down" type="prismatic">
+<parent link="trunk"/><child link="{name}"/><origin xyz="0 {y} -0.5"/><axis xyz="0 0 -1"/><limit lower="-1" upper="1"
+effort="9" velocity="9"/></joint>"""
+
+
+@pytest.fixture(scope="module")
+def lifted(tmp_path_factory):
+    """A trunk on two legs that slide downwards, held and free: coordinates are how far the soles stand out."""
+    path = tmp_path_factory.mktemp("lifted") / "lifted.urdf"
+    legs = LEG.format(name="left", y=0.1) + LEG.format(name="right", y=-0.1)
+    path.write_text(LIFTED.format(legs=legs))
+    return tw.load(path), tw.load(path, floating_base=True)
+
+
+def trunk(lifted, right, dt=0.005):
+    """Rise of the trunk [mm] and its rate [mm/s], while the right leg goes out by ``right`` [mm] and the left one stays."""
+    held, free = lifted
+    n = len(right)
+    q = np.column_stack([np.zeros(n), 1e-3 * np.asarray(right, float)])
+    motion = tw.Motion(dt * np.arange(n), q, robot=held, in_seconds=True)
+    motion = statics.base_from_stance(free, motion, ("left", "right"))
+    return 1e3 * (motion.q[:, 6] - motion.q[0, 6]), 1e3 * motion.dq[:, 5]
+
+
+@pytest.mark.parametrize(
+    ("right", "takes_over"),
+    [
+        ([6.0] * 5, True),  # lower for 20 ms
+        ([6.0] * 4, False),  # for 15 ms
+        ([5.1] * 5, True),
+        ([4.9] * 40, False),
+        ([6.0] * 3 + [0.0] * 4 + [6.0] * 3, False),  # two short times are not one long time
+        ([6.0] * 3 + [0.0] * 4 + [6.0] * 5, True),
+    ],
+)
+def test_a_foot_takes_over_if_it_is_lower_by_5_mm_for_20_ms(lifted, right, takes_over):
+    """A foot that took over stays where it has come to, in a dent of the ground: the trunk sinks when its leg draws in."""
+    risen, _ = trunk(lifted, [0.0] * 3 + right + [0.0] * 30)
+    assert_allclose(risen[: 3 + len(right)], 0.0, atol=1e-9)
+    assert_allclose(risen[-30:], -right[-1] if takes_over else 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("rows", "takes_over"), [(1, False), (2, True)])
+def test_at_the_end_of_a_motion_two_rows_in_which_a_foot_is_lower_are_a_step_and_one_is_not(lifted, rows, takes_over):
+    """The motion ends before the time is up for which the foot would be lower; one row alone may be a glitch."""
+    right = [0.0] * 5 + [6.0, 7.0][:rows]
+    risen, rate = trunk(lifted, right)
+    assert_allclose(risen[-1], 1.0 if takes_over else 0.0, atol=1e-9)
+    assert (abs(rate[-1]) > 1.0) == takes_over and abs(rate[:5]).max() < 1e-9
+
+
+def test_a_foot_that_takes_over_stands_from_where_both_were_last_at_one_height(lifted):
+    """It goes out at 0.1 mm a row: up to 0.5 mm both stand, and from there on it carries the trunk up."""
+    right = 0.1 * np.arange(100)
+    risen, _ = trunk(lifted, right)
+    assert_allclose(risen[:5], 0.0, atol=1e-9)
+    assert_allclose((right - risen)[10:], right[-1] - risen[-1], atol=1e-9)
+    assert 0.35 < right[-1] - risen[-1] < 0.65
+
+
 @pytest.mark.parametrize(("shape", "radius"), [("sphere", 0.03), ("sphere", 0.2), ("cylinder", 0.03)])
 def test_a_wheel_touches_the_ground_below_its_centre_at_its_radius(tmp_path, shape, radius):
     """A ball caster, and a cylinder about y, which reaches as deep."""
