@@ -93,3 +93,87 @@ def test_accelerations_that_last_one_row_are_not_judged(arm):
     ddq = 3.0 * kicks[:, None] * [0.1, 0.05] / 0.01
     (said,) = said_of(arm, T, q, dq, ddq)
     assert "only in rows 0.120 s apart" in said
+
+
+def time_said(arm, n, step, move, *, first=0.0, limited=True, stated=False, counts=False, origin="log", dq=False):
+    """Names and sentences of the doubts of time of n rows, ``step`` apart, in each of which a joint moves by ``move``."""
+    t = first + step * np.arange(n)
+    q = np.column_stack([move * np.arange(n), np.zeros(n)])
+    v = np.column_stack([np.full(n, move / step), np.zeros(n)]) if dq else None
+    rows = [LogRows(t, q, v, None)]
+    tally = Contradictions(Coordinates.from_model(arm.model), time_stated=stated, may_count_rows=counts, runs=rows)
+    tally.add(t, q)
+    return [str(d) for d in tally.doubts(arm.limits if limited else None, origin=origin)]
+
+
+@pytest.mark.parametrize(
+    ("rows", "step", "move", "unit"),
+    [
+        (20, 10.0, 0.01, "ms"),
+        (19, 10.0, 0.01, None),  # too few rows
+        (100, 450.0, 0.001, "ms"),
+        (100, 550.0, 0.001, "us"),
+        (100, 4.5e5, 0.001, "us"),
+        (100, 550.0, 0.0024, "us"),
+        (100, 550.0, 0.0026, None),  # 4.7 rad/s in us
+        (100, 5.5e5, 0.001, "ns"),
+        (52, 10.0, 0.001, "ms"),
+        (49, 10.0, 0.001, None),  # moves by less than 0.05 rad
+        (100, 20.0, 0.089, "ms"),
+        (100, 20.0, 0.091, None),  # 4.55 rad/s in ms, and the drive makes 3 rad/s: more than half as fast again
+        (300, 0.11, 0.0004, "ms"),
+        (300, 0.09, 0.0004, None),  # a slow logger
+        (300, 0.2, 0.00088, "ms"),
+        (300, 0.2, 0.00092, None),  # again too fast in ms
+    ],
+)
+def test_steps_of_time_that_are_long_for_what_happens_in_them_are_in_a_smaller_unit(arm, rows, step, move, unit):
+    found = [said for said in time_said(arm, rows, step, move) if "time seems to be in" in said]
+    assert len(found) == (unit is not None)
+    if unit is not None:
+        assert f"time seems to be in {unit}" in found[0] and f"[{unit}]" in found[0]
+        why = f"no joint moves by more than {move:.2g} rad or m" if step > 1.0 else "no joint moves faster than 0."
+        assert why in found[0]
+        assert step != 0.11 or "0.12 % of its limit of velocity" in found[0]
+    assert not any("time seems" in said for said in time_said(arm, rows, step, move, stated=True))
+
+
+@pytest.mark.parametrize(
+    ("step", "move", "doubted"),
+    [
+        (2.0, 0.058, True),
+        (2.0, 0.062, False),
+        (40.0, 0.099, True),
+        (40.0, 0.101, False),
+        (1.0, 0.02, True),
+        (0.9, 0.02, False),
+    ],
+)
+def test_without_limits_a_second_is_long_for_a_tenth_of_a_radian_and_30_rad_per_s_are_too_fast(
+    arm, step, move, doubted
+):
+    found = time_said(arm, 30, step, move, limited=False)
+    assert any("time seems to be in ms" in said for said in found) == doubted
+    assert not any("time seems to be in" in said for said in found) or doubted
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({}, "time rises by exactly 1 in each of 20 rows, as row numbers do"),
+        ({"n": 19}, "usual time step is 1 s"),  # too few rows
+        ({"first": 0.5}, "usual time step is 1 s"),  # row numbers are whole
+        ({"step": 2.0}, "usual time step is 2 s"),
+        ({"counts": False}, "usual time step is 1 s"),  # the column names a unit
+        ({"dq": True}, "usual time step is 1 s"),  # velocities say that time is in seconds
+        ({"origin": "plan"}, "usual time step is 1 s"),
+        ({"move": 0.46}, "usual time step is 1 s"),  # ten rows a second would need 4.6 rad/s
+        ({"move": 0.44}, "row numbers"),
+        ({"step": 0.9, "counts": False}, None),
+        ({"stated": True}, None),
+    ],
+)
+def test_time_that_rises_by_one_in_each_row_may_count_rows(arm, options, word):
+    asked = {"n": 20, "step": 1.0, "move": 0.3, "counts": True} | options
+    found = [said for said in time_said(arm, **asked) if "usual time step" in said or "row numbers" in said]
+    assert [word in said for said in found] == ([True] if word else [])
