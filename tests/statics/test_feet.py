@@ -11,7 +11,12 @@ from robot_files import FILES, NONE
 
 import twistwrench as tw
 from twistwrench import statics
+from twistwrench.mechanics.lie import quaternion, so3
 from twistwrench.mechanics.model.joining import with_free_base
+from twistwrench.statics.stance import stance_rates
+
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 FEET = {
     "talos_data/talos_reduced": ("left_sole_link", "right_sole_link"),
@@ -143,6 +148,20 @@ def test_the_stance_foot_of_a_biped_does_not_move_and_the_rates_of_its_base_are_
     assert_allclose(motion.ddq[2:-2][rows], change[rows], atol=2e-3 * np.abs(change).max())
 
 
+@pytest.mark.parametrize("stance", ["auto", "right_foot"])
+def test_a_trunk_that_sways_on_its_ankles_has_the_rates_of_an_inverted_pendulum(biped, stance):
+    """Hips and knees keep straight: the trunk, 0.8 m above the ankles, turns about them, and feels no more in its own axes."""
+    held, free = tw.load(biped), tw.load(biped, floating_base=True)
+    t = np.linspace(0.0, 1.0, 30)
+    q, dq, ddq = 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t), -0.9 * np.sin(3 * t)
+    ankles = [0, 0, 1, 0, 0, 1]
+    joints = tw.Motion(t, *(np.outer(x, ankles) for x in (q, dq, ddq)), robot=held, in_seconds=True)
+    motion = statics.base_from_stance(free, joints, ("left_foot", "right_foot"), stance)
+    about_y_and_along_x = [0, 1, 0, 0.8, 0, 0]
+    assert_allclose(motion.dq[:, :6], np.outer(-dq, about_y_and_along_x), atol=1e-9)
+    assert_allclose(motion.ddq[:, :6], np.outer(-ddq, about_y_and_along_x), atol=1e-9)
+
+
 LIFTED = """<robot name="lifted"><link name="trunk"><inertial><mass value="10"/><inertia ixx="1" ixy="0" ixz="0" iyy="1"
 iyz="0" izz="1"/></inertial></link>{legs}</robot>"""
 LEG = """<link name="{name}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
@@ -231,6 +250,31 @@ def test_four_feet_that_are_points_stand_together():
         assert np.ptp(np.asarray(free.forward_kinematics(motion.q, foot))[:, :3, 3], axis=0).max() < 1e-9
         J = np.asarray(free.jacobian(motion.q, foot))[:, 3:]
         assert np.abs(np.einsum("nij,nj->ni", J, motion.dq)).max() < 1e-9
+
+
+def test_a_base_on_points_has_the_rates_for_which_the_points_neither_move_nor_speed_up():
+    """Joint rates that the ground allows; the same points are given in the frames of the feet and of the shanks, which turn."""
+    free, rng = tw.robots.quadruped(), np.random.default_rng(4)
+    feet = [f"{leg}_foot" for leg in ("FL", "FR", "RL", "RR")]
+    q = np.array(free.neutral)
+    q[7:] = np.tile([0.0, 0.8, -1.6], 4) + 0.2 * rng.normal(size=12)
+    q[:4] = quaternion.from_matrix(so3.exp([0.3, -0.2, 0.5]))
+    J = np.concatenate([free.jacobian(q, foot)[3:] for foot in feet])
+    allowed = np.eye(18) - np.linalg.pinv(J) @ J
+    dq = allowed @ rng.normal(size=18)
+    bias = np.concatenate([free.frame_acceleration(q, dq, np.zeros(18), foot)[3:] for foot in feet])  # the points rest
+    ddq = allowed @ rng.normal(size=18) - np.linalg.pinv(J) @ bias
+    in_shanks = {}
+    for foot in feet:
+        shank = free.model.bodies[free.model.frames[foot].body].link
+        in_shanks[shank] = (np.linalg.inv(free.forward_kinematics(q, shank)) @ free.forward_kinematics(q, foot))[
+            None, :3, 3
+        ]
+        assert np.linalg.norm(in_shanks[shank]) > 0.1
+    for soles in ({foot: np.zeros((1, 3)) for foot in feet}, in_shanks):
+        found = stance_rates(free, q[None], dq[None, 6:], ddq[None, 6:], soles, np.ones((1, 4), bool))
+        assert_allclose(found[0][0], dq, atol=1e-9)
+        assert_allclose(found[1][0], ddq, atol=1e-9)
 
 
 def test_a_pose_that_two_points_leave_open_is_an_error_and_a_foot_that_is_not_there_too(biped):
