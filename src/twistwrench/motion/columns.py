@@ -160,8 +160,8 @@ class Assignment:
         """Columns without a known meaning."""
 
     def _names_motors(self) -> bool:
-        """True if a column, or an entry of the option ``columns``, has the name of a coupled motor."""
-        endings = ("", f".{CURRENT}", *READ["tau"])
+        """True if a column, or an entry of the option ``columns``, is a torque or a current of a coupled motor by its name."""
+        endings = (f".{CURRENT}", *READ["tau"])
         names = [split_unit(cell)[0] for cell in self.cells]
         names += self.reading.columns or {}
         for name in names:
