@@ -277,6 +277,63 @@ def test_a_base_on_points_has_the_rates_for_which_the_points_neither_move_nor_sp
         assert_allclose(found[1][0], ddq, atol=1e-9)
 
 
+ENDS = {  # frames at the end of a leg: name, height above its lowest [m], whether it has a shape; the last one is the farthest
+    "the lowest": ([("tip", 0.0, False), ("above", 0.02, True)], "tip"),
+    "the farthest of equals": ([("tip", 0.0, False), ("end", 0.0, False)], "end"),
+    "a foot 9 mm above": ([("sole", 0.009, False), ("tip", 0.0, False)], "sole"),
+    "a foot 11 mm above": ([("sole", 0.011, False), ("tip", 0.0, False)], "tip"),
+    "a foot with a shape": ([("ankle", 0.009, True), ("sole", 0.0, False)], "ankle"),
+    "a shape without a name": ([("Foot", 0.005, False), ("tip", 0.0, True)], "Foot"),
+    "sensors alone": ([("foot_imu", 0.0, False), ("sole", 0.02, False)], "foot_imu"),
+    **{
+        f"a {word}": ([(word, 0.005, False), ("tip", 0.0, False)], word)
+        for word in ("foot", "sole", "ankle", "wheel", "toe")
+    },
+    **{
+        f"beside a {word}": ([("tip", 0.005, False), (f"Foot_{word}", 0.0, True)], "tip")
+        for word in ("bumper", "sensor", "fsr", "tactel", "imu", "camera")
+    },
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_a_leg_stands_on_a_frame_within_a_centimetre_that_is_named_as_a_foot_and_is_no_sensor(name):
+    frames, chosen = ENDS[name]
+    text = ""
+    for side, y in (("left", 0.1), ("right", -0.1)):
+        parent = "trunk"
+        for part, z in (("thigh", 0.0), ("shank", -0.4)):
+            text += (
+                f'<link name="{side}_{part}"/><joint name="{side}_{part}_joint" type="continuous"><parent link="{parent}"/>'
+                f'<child link="{side}_{part}"/><origin xyz="0 {y if parent == "trunk" else 0} {z}"/><axis xyz="0 1 0"/></joint>'
+            )
+            parent = f"{side}_{part}"
+        for end, height, shaped in frames:
+            shape = '<collision><geometry><sphere radius="0.01"/></geometry></collision>' if shaped else ""
+            text += (
+                f'<link name="{side}_{end}">{shape}</link><joint name="{side}_{end}_fixed" type="fixed"><parent link="{parent}"/>'
+                f'<child link="{side}_{end}"/><origin xyz="0 0 {height - 0.4}"/></joint>'
+            )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)
+        robot = tw.load(f'<robot name="walker"><link name="trunk"/>{text}</robot>')
+    assert statics.find_feet(robot) == (f"left_{chosen}", f"right_{chosen}")
+
+
+@pytest.mark.parametrize(("pitch", "leans"), [(0.3, True), (0.77, True), (0.8, False), (-0.77, True), (-0.8, False)])
+def test_a_base_leans_with_its_soles_up_to_45_degrees_and_stands_upright_on_edges_beyond(biped, pitch, leans):
+    """Both soles in one plane: up to there, that plane is the floor; a robot whose toes point down stands on these."""
+    held, free = tw.load(biped), tw.load(biped, floating_base=True)
+    q = np.tile([0.0, 0.0, pitch, 0.0, 0.0, pitch], (4, 1))
+    still = tw.Motion(0.01 * np.arange(4), q, np.zeros((4, 6)), np.zeros((4, 6)), robot=held, in_seconds=True)
+    motion = statics.base_from_stance(free, still, ("left_foot", "right_foot"))
+    turned = quaternion.rotation(motion.q[0, :4])
+    assert_allclose(turned, so3.exp([0.0, -pitch if leans else 0.0, 0.0]), atol=1e-9)
+    corners = np.concatenate([[c.point for c in statics.sole(held, foot, 0.6)] for foot in ("left_foot", "right_foot")])
+    T = np.asarray(free.forward_kinematics(motion.q[0], "left_foot"))
+    assert_allclose((corners @ T[:3, :3].T + T[:3, 3])[:, 2].min(), 0.0, atol=1e-9)
+
+
 def test_a_pose_that_two_points_leave_open_is_an_error_and_a_foot_that_is_not_there_too(biped):
     held, free = tw.load(biped), tw.load(biped, floating_base=True)
     joints = steps(held)
