@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.core.estimation.logged_rates import rate_scales, segments
 from twistwrench.core.estimation.single_row_glitches import OVERLAP
 from twistwrench.motion.contradictions import Contradictions
 from twistwrench.motion.coordinates import Coordinates
@@ -177,3 +178,54 @@ def test_time_that_rises_by_one_in_each_row_may_count_rows(arm, options, word):
     asked = {"n": 20, "step": 1.0, "move": 0.3, "counts": True} | options
     found = [said for said in time_said(arm, **asked) if "usual time step" in said or "row numbers" in said]
     assert [word in said for said in found] == ([True] if word else [])
+
+
+@pytest.mark.parametrize(
+    ("count", "gap", "found"),
+    [
+        (7, None, []),
+        (8, None, [(0, 8)]),
+        (512, None, [(0, 512)]),
+        (519, None, [(0, 512)]),  # seven rows are too few
+        (520, None, [(0, 512), (512, 520)]),
+        (600, 100, [(0, 100), (100, 512), (512, 600)]),
+        (600, 7, [(7, 512), (512, 600)]),
+    ],
+)
+def test_rates_are_integrated_over_8_to_512_rows_without_a_gap(count, gap, found):
+    time = 0.01 * np.arange(count)
+    if gap is not None:
+        time[gap:] += 5.0
+    assert [(rows.start, rows.stop) for rows in segments(time)] == found
+
+
+def scale_of(x, y, *more):
+    """Scale of a rate y over the slope of x, beside further curves of its kind with right rates."""
+    t = 0.01 * np.arange(len(x))
+    x, y = np.column_stack([x, *more]), np.column_stack([y, *(np.gradient(c, t) for c in more)])
+    return float(rate_scales([(t, x, y)], np.zeros(x.shape[1], int))[0])
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_the_scale_of_a_rate_is_that_to_a_curve_that_moves_either_way(direction):
+    """Half a turn at constant speed; by the counts of an encoder; and slowly beside another joint."""
+    ramp, ones = np.linspace(0.0, 1.0, 500) * direction, np.ones(500) * direction / 4.99
+    assert scale_of(3.0 * ramp, 3.0 * ones) == pytest.approx(1.0, abs=1e-9)
+    assert scale_of(3.0 * ramp, 6.0 * ones) == pytest.approx(2.0, abs=1e-9)
+    assert scale_of(3.0 * ramp, -3.0 * ones) == pytest.approx(-1.0, abs=1e-9)
+    for counts, judged in ((29, False), (32, True)):  # a curve moves by more than 30 counts
+        x = np.round(counts * ramp) * 1e-4
+        assert (scale_of(x, 2.0 * counts * 1e-4 * ones) == pytest.approx(2.0, rel=0.02)) == judged
+    for share, judged in ((0.018, False), (0.022, True)):  # of the speed of the fastest
+        assert (scale_of(share * ramp, 2.0 * share * ones, ramp) == pytest.approx(2.0, abs=1e-6)) == judged
+    for size, judged in ((0.9e-10, False), (1.1e-10, True)):  # rounding
+        assert (scale_of(size * ramp, 2.0 * size * ones) == pytest.approx(2.0, rel=1e-3)) == judged
+
+
+@pytest.mark.parametrize(
+    ("moves", "still", "found"), [(0.21, 0.0, np.inf), (0.19, 0.0, 1.0), (0.21, 0.005, 1.0), (0.21, 0.004, np.inf)]
+)
+def test_a_rate_of_more_than_a_fifth_beside_a_curve_at_rest_contradicts_it(moves, still, found):
+    """At rest is what moves by less than a fiftieth of that, to and fro."""
+    flicker = still * (np.arange(500) % 2)
+    assert scale_of(flicker, moves * np.ones(500) / 4.99) == found

@@ -280,6 +280,27 @@ def test_what_is_no_array_of_real_numbers_in_a_mat_file_is_left_out(options, tmp
         np.testing.assert_array_equal(numbers, np.squeeze(log[name]))
 
 
+UNEVEN = {
+    "one row": [[0.1, 0.2]],
+    "a shorter first": [[0.1], *[[0.1, 0.2]] * 9],
+    "a longer first": [[0.1, 0.2, 0.3], *[[0.1, 0.2]] * 9],
+    "an empty first": [[], *[[0.1, 0.2]] * 9],
+    "none in between": [*[[0.1, 0.2]] * 5, None, *[[0.1, 0.2]] * 5],
+    "words": [["a", "b"]] * 9,
+}
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_lists_that_make_no_array_are_columns_of_nothing(name, tmp_path):
+    import pyarrow.parquet
+
+    lists = UNEVEN[name]
+    table = pyarrow.table({"time": 0.01 * np.arange(len(lists)), "q": lists})
+    pyarrow.parquet.write_table(table, tmp_path / "log.parquet")
+    with pytest.raises(tw.TrajectoryError, match=r"no arrays of numbers|no column for joint1, joint2"):
+        tw.Motion.from_file(tmp_path / "log.parquet", ARM)
+
+
 @pytest.mark.usefixtures("reading")
 def test_the_row_of_a_number_that_is_not_finite_is_counted_from_the_first(tmp_path):
     q = Q.copy()
