@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from quiet_loading import load_quietly
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.diagnosis import CHECKS, Severity
+from twistwrench.diagnosis.symmetry_checks import _evidence
 from twistwrench.robots import path_of
 
 NUMBERS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -638,3 +640,33 @@ def test_all_that_the_loader_refuses_is_said_of_a_large_file_too():
     with pytest.raises(tw.ModelError) as caught:
         tw.doctor(text, max_bodies=3000)
     assert all(name in str(caught.value) for name in ("link1", "bass")), caught.value
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "side"),
+    [
+        (1.0, 10.0, "left"),
+        (10.0, 1.0, "right"),
+        (4.9, 10.0, "left"),
+        (5.1, 10.0, ""),  # more than half as far
+        (0.5, 2.6, "left"),
+        (0.5, 2.4, ""),  # nearer by less than 2 mm
+        (None, 10.0, ""),
+        (1.0, None, ""),
+    ],
+)
+def test_shapes_speak_for_the_side_whose_centre_of_mass_is_half_as_far_and_2_mm_nearer(left, right, side):
+    """Distances from the centre of the shapes [mm]; None: there are no shapes on that side."""
+
+    def link(distance):
+        shapes = SimpleNamespace(complete=distance is not None, uniform=SimpleNamespace(com=np.zeros(3)))
+        com = np.array([0.0, 1e-3 * (distance or 0.0), 0.0])
+        return SimpleNamespace(written=SimpleNamespace(com=com), shapes=shapes)
+
+    found = _evidence(SimpleNamespace(left=link(left), right=link(right)))
+    if side:
+        near, far = sorted((left, right))
+        assert found.startswith(f"the shapes speak for the {side} one")
+        assert f"{near:.2g} mm from theirs, not {far:.2g}" in found
+    else:
+        assert found == "the file does not determine which is meant"
