@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +191,40 @@ def test_shells_that_cut_each_other_both_count_and_are_remarked(second):
     with pytest.warns(tw.ModelWarning, match="cut each other or coincide"):
         G = SpatialInertia.mesh(joined(cube(0.2), second), density=1000)
     assert_close(G.mass, 8.0 + SpatialInertia.mesh(second, density=1000).mass, 1e-13)
+
+
+def block(sides, centre):
+    vertices, faces = cube(1.0)
+    return vertices * sides + centre, faces
+
+
+NEEDLE, PLATE, BAR = (0.02, 0.02, 2.0), (1.0, 1.0, 0.02), (0.2, 0.2, 2.0)
+CROSSED = {
+    "a needle through a plate": (NEEDLE, PLATE, (0.13, -0.21, 0.4), True),
+    "a needle into a plate": (NEEDLE, PLATE, (0.13, -0.21, 1.003), True),
+    "a needle that ends before a plate": (NEEDLE, PLATE, (0.13, -0.21, 1.02), False),
+    "a needle beside a plate": (NEEDLE, PLATE, (0.52, -0.21, 0.4), False),
+    "bars that cross": (BAR, (2.0, 0.2, 0.2), (0.05, 0.19, 0.03), True),
+    "bars that pass": (BAR, (2.0, 0.2, 0.2), (0.05, 0.21, 0.03), False),
+    "bars that pass on the other side": (BAR, (2.0, 0.2, 0.2), (0.05, -0.21, 0.03), False),
+}
+
+
+@pytest.mark.parametrize("name", CROSSED)
+def test_shells_that_cross_without_a_corner_in_each_other_are_remarked_and_shells_that_pass_are_not(name):
+    """In either order and along all axes; turned, those that pass have boxes that overlap."""
+    first, second, centre, crosses = CROSSED[name]
+    turned = so3.exp([0.4, -0.7, 0.5])
+    for order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        parts = [block(np.array(first)[[*order]], 0.0), block(np.array(second)[[*order]], np.array(centre)[[*order]])]
+        for pair in (parts, parts[::-1]):
+            for R in (np.eye(3), turned):
+                vertices, faces = joined(*pair)
+                with warnings.catch_warnings(record=True) as said:
+                    warnings.simplefilter("always")
+                    found = SpatialInertia.mesh((vertices @ R.T, faces), density=1000)
+                assert any("1 pairs cut each other" in str(w.message) for w in said) == crosses, (order, R)
+                assert_close(found.mass, 1000 * (np.prod(first) + np.prod(second)), 1e-12, "each counts whole")
 
 
 def test_a_mesh_in_the_wrong_unit_is_remarked(recwarn):

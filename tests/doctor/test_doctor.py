@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from quiet_loading import load_quietly
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.diagnosis import CHECKS, Severity
+from twistwrench.diagnosis.symmetry_checks import _evidence
 from twistwrench.robots import path_of
 
 NUMBERS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -584,6 +586,22 @@ def test_a_link_without_mass_at_the_end_is_named_with_its_joint():
         load_quietly(text).forward_dynamics(np.zeros(4), np.zeros(4), np.zeros(4))
 
 
+@pytest.mark.parametrize(
+    ("bare", "moves_nothing"),
+    [((0, 1, 2, 3), (0, 1, 2, 3)), ((1, 2), ()), ((0, 3), (3,))],
+)
+def test_joints_that_move_no_mass_make_the_mass_matrix_singular_and_are_named(bare, moves_nothing):
+    """Those that nothing with a mass comes after, also where nothing has a mass at all."""
+    text = Arm(2).text()
+    for k in bare:
+        text = re.sub(rf'(<link name="link{k}">\s*)<inertial>.*?</inertial>', r"\1", text, flags=re.DOTALL)
+    found = tw.doctor(text, only="massless").findings
+    named = [re.findall(r"'(joint\d)'", f.sentence) for f in found if "M is singular" in f.sentence]
+    assert named == ([[f"joint{k}" for k in moves_nothing]] if moves_nothing else [])
+    assert sum(f.numbers["links"] for f in found) == len(bare)
+    assert all((f.severity is Severity.WARNING) == ("M is singular" in f.sentence) for f in found)
+
+
 def test_inertia_without_mass_and_a_distant_com_are_found():
     arm = Arm(2)
     text = arm.text().replace(f'mass value="{arm.inertias[1].mass!r}"', 'mass value="0"')
@@ -622,3 +640,33 @@ def test_all_that_the_loader_refuses_is_said_of_a_large_file_too():
     with pytest.raises(tw.ModelError) as caught:
         tw.doctor(text, max_bodies=3000)
     assert all(name in str(caught.value) for name in ("link1", "bass")), caught.value
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "side"),
+    [
+        (1.0, 10.0, "left"),
+        (10.0, 1.0, "right"),
+        (4.9, 10.0, "left"),
+        (5.1, 10.0, ""),  # more than half as far
+        (0.5, 2.6, "left"),
+        (0.5, 2.4, ""),  # nearer by less than 2 mm
+        (None, 10.0, ""),
+        (1.0, None, ""),
+    ],
+)
+def test_shapes_speak_for_the_side_whose_centre_of_mass_is_half_as_far_and_2_mm_nearer(left, right, side):
+    """Distances from the centre of the shapes [mm]; None: there are no shapes on that side."""
+
+    def link(distance):
+        shapes = SimpleNamespace(complete=distance is not None, uniform=SimpleNamespace(com=np.zeros(3)))
+        com = np.array([0.0, 1e-3 * (distance or 0.0), 0.0])
+        return SimpleNamespace(written=SimpleNamespace(com=com), shapes=shapes)
+
+    found = _evidence(SimpleNamespace(left=link(left), right=link(right)))
+    if side:
+        near, far = sorted((left, right))
+        assert found.startswith(f"the shapes speak for the {side} one")
+        assert f"{near:.2g} mm from theirs, not {far:.2g}" in found
+    else:
+        assert found == "the file does not determine which is meant"

@@ -283,3 +283,48 @@ def test_forces_and_constraints_of_a_compiled_model_are_those_of_its_file(mimic)
 def test_what_is_no_compiled_model_is_refused():
     with pytest.raises(tw.ModelError, match=r"not a model of MuJoCo's: object"):
         tw.from_mujoco(object())
+
+
+@pytest.mark.parametrize(
+    ("joint", "words"),
+    [
+        ('stiffness="3" damping="2"', []),
+        ('stiffness="3 0 0" damping="2 0 0"', []),
+        ('stiffness="3 1 0"', ["stiffness that is a polynomial"]),
+        ('stiffness="3 0 1"', ["stiffness that is a polynomial"]),
+        ('damping="2 1"', ["damping that is a polynomial"]),
+        ('damping="0 0 1"', ["damping that is a polynomial"]),
+    ],
+)
+def test_springs_and_dampers_beyond_the_linear_term_are_said_to_be_left_out(joint, words):
+    robot = load_quietly(hinge_with(joint))
+    assert [
+        w for w in ("stiffness that is a polynomial", "damping that is a polynomial") if w in str(robot.defects)
+    ] == words
+
+
+def hinge_with(joint="", actuator=""):
+    return (
+        f'<mujoco><worldbody><body><joint name="j" {joint}/><geom size="0.1" mass="2"/></body></worldbody>'
+        f"<actuator>{actuator}</actuator></mujoco>"
+    )
+
+
+@pytest.mark.parametrize("gear", [1.0, -50.0])
+def test_data_of_a_dc_motor_follow_from_its_voltage_stall_torque_and_time_constant(gear):
+    """R = K U / τ and L = t R; a zero is not given. Friction is that of the rotor, through the gear."""
+    data = 'motorconst="0 0.05" nominal="24 1.5 0" inductance="0 0.002" saturation="3 0 0" lugre="100 1 0.1 0.2 5"'
+    robot = load_quietly(hinge_with('frictionloss="0.3"', f'<dcmotor joint="j" gear="{gear}" {data}/>'))
+    motor, law = robot.actuators["j"].motor, robot.model.friction
+    found = (motor.torque_constant, motor.resistance, motor.inductance, motor.voltage)
+    np.testing.assert_allclose(found, [0.05, 0.8, 0.0016, 24.0], rtol=1e-12)
+    size = abs(gear)
+    np.testing.assert_allclose((law.coulomb[0], law.static[0]), (0.3 + 0.1 * size, 0.3 + 0.2 * size), rtol=1e-12)
+    np.testing.assert_allclose(law.stribeck[0], 5.0 / size, rtol=1e-12)
+    assert "LuGre friction, whose bristles are left out" in str(robot.defects)
+    given = load_quietly(hinge_with("", f'<dcmotor joint="j" {data} resistance="3"/>')).actuators["j"].motor
+    np.testing.assert_allclose((given.resistance, given.inductance), (3.0, 0.006), rtol=1e-12)
+    bare = (
+        load_quietly(hinge_with("", '<dcmotor joint="j" motorconst="0.05" saturation="3 0 0"/>')).actuators["j"].motor
+    )
+    assert (bare.resistance, bare.inductance, bare.voltage) == (0.0, 0.0, np.inf)

@@ -543,3 +543,18 @@ def test_a_declaration_of_version_1_is_no_reason_to_refuse_a_file(quote):
         tw.load(declared + "<robot name='r'><link></robot>")
     blank = without_loose_declaration(declared)
     assert blank.isspace() and len(blank) == len(declared) and blank.endswith("\n")
+
+
+@pytest.mark.parametrize("name", ["lower", "upper", "velocity", "effort", "acceleration", "deceleration", "jerk"])
+@pytest.mark.parametrize(("size", "none"), [(1e16, True), (1.1e15, True), (0.9e15, False), (5.0, False)])
+def test_a_limit_of_1e15_and_more_stands_for_none(name, size, none):
+    """Files have such numbers where the format requires one; of the lower bound, it is minus that."""
+    sign = -1.0 if name == "lower" else 1.0
+    given = {"lower": -1.0, "upper": 1.0, "velocity": 2.0, "effort": 3.0, name: sign * size}
+    text = " ".join(f'{limit}="{value!r}"' for limit, value in given.items())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        found = load_model(moving(f"<limit {text}/>")).limits
+    assert getattr(found, name)[0] == sign * (np.inf if none else size)
+    for other, value in given.items():
+        assert other == name or getattr(found, other)[0] == value

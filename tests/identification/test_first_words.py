@@ -13,6 +13,7 @@ from scipy import stats
 import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut, HeldOutRows
 from twistwrench.identification import identify
+from twistwrench.identification.diagnosis.cause_doubts import _delay_taken_off
 from twistwrench.identification.diagnosis.cause_fit import CauseFit
 from twistwrench.identification.doubts.common_gain import unit_doubts
 from twistwrench.identification.doubts.fit_doubts import _largest_at, _residual_above_noise, left_unexplained
@@ -33,6 +34,29 @@ def test_a_delay_of_a_bus_that_was_taken_off_is_a_note(rows, word, level):
     assert (doubt.kind, doubt.level, found.verdict.word) == ("late", level, word), doubt
     assert ("commands" in doubt.sentence) == (level == "unsure")
     assert abs(found.settings.shift - rows / 200.0) < 2e-3
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("delay", "taken_off", "word", "level"),
+    [
+        (0.010, 0.0121, "in its place", "unsure"),  # ms apart: 2.1, and 2 are allowed
+        (0.010, 0.0119, "is taken off", "note"),
+        (0.010, 0.0079, "in its place", "unsure"),
+        (0.025, 0.0276, "in its place", "unsure"),  # of 25 ms, a tenth
+        (0.025, 0.0274, "is taken off", "note"),
+        (0.0299, 0.0299, "is taken off.", "note"),
+        (0.0301, 0.0301, "Are positions commands?", "unsure"),
+    ],
+)
+def test_a_delay_is_taken_off_where_the_fit_has_it_to_2_ms_or_a_tenth_before_or_after(
+    sign, delay, taken_off, word, level
+):
+    sentence, found = _delay_taken_off(sign * delay, sign * taken_off, "unsure")
+    assert found == level
+    assert word in sentence
+    if word == "in its place":
+        assert sentence == f"The fit has {sign * taken_off:.3f} s in its place: give shift={sign * delay:.3f}."
 
 
 def with_load_friction(share):

@@ -14,6 +14,7 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.identification import identify
+from twistwrench.identification.write import _deviations
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
@@ -360,3 +361,23 @@ def test_files_as_they_are_met_come_back(name, tmp_path):
         assert not again.model.friction.coulomb.any()
         assert_allclose(again.model.friction.viscous, found.robot.model.friction.viscous, rtol=SAME)
     assert difference(found, again, drives=Path(name).suffix == ".xml", friction=not lost) <= SAME
+
+
+def test_what_a_model_lacks_of_identified_drives_is_named_by_kind_and_joint_and_rounding_is_not():
+    """Static friction is read as a sum, 0.1 + 0.2, whose last place is not that of 0.3; a value of zero allows no rounding."""
+    laws = {"viscous": "0.5 N m s/rad", "coulomb": "0.1 N m", "static": "0.3 N m", "stribeck": "0.1 rad/s"}
+    model = tw.robots.planar_2r().with_actuators({"actuators": {"joint1": {"friction": laws}}}).model
+    same = {
+        "viscous": {"joint1": 0.5, "joint2": 0.0},
+        "coulomb": {"joint1": 0.1, "joint2": 0.0},
+        "stribeck": {"joint1": 0.2, "joint2": 0.0},
+        "motor_inertia": dict(zip(model.velocity_names, model.armature.tolist(), strict=True)),
+    }
+    assert (model.friction.static - model.friction.coulomb)[0] != 0.2
+    assert _deviations(model, same) == {}
+    for kind, values in same.items():
+        for joint, value in values.items():
+            found = _deviations(model, same | {kind: values | {joint: value + 0.25}})
+            assert list(found) == [kind] and list(found[kind]) == [joint]
+            assert_allclose(found[kind][joint], -0.25)
+    assert _deviations(model, {"viscous": {"joint1": 0.5, "joint3": 0.75}}) == {"viscous": {"joint3": -0.75}}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import inspect
 import re
 import tomllib
@@ -14,6 +15,7 @@ from places import ROOT
 from source_trees import syntax_nodes, syntax_tree
 
 import twistwrench as tw
+from twistwrench.core.answers.answer import Answer
 from twistwrench.mechanics.joints import JOINT_TYPES
 from twistwrench.robot.derivatives import DerivativeMethods
 from twistwrench.robot.quantities import QUANTITIES
@@ -104,6 +106,23 @@ def test_no_option_hides_in_keywords():
 
 OPEN: set[str] = set()
 """Known to hide options still; nothing may be added."""
+
+
+def kinds_of(base):
+    """A class and all that derive from it."""
+    return {base}.union(*map(kinds_of, base.__subclasses__()))
+
+
+def test_public_data_cannot_be_changed_and_answers_and_arrays_are_not_compared_by_their_fields():
+    """They may stand in sets and lists, and ``==`` raises no error: it would ask an array for its one truth."""
+    public = {c for _, c in public_callables() if inspect.isclass(c)}
+    answers = {c for c in kinds_of(Answer) if c.__module__.startswith("twistwrench.")} - {Answer}
+    data = {c for c in public | answers | {tw.LogReport, tw.TorqueReport} if dataclasses.is_dataclass(c)}
+    assert len(data) > 80 and len(answers) > 15
+    assert not [c for c in data if not c.__dataclass_params__.frozen]
+    with_arrays = {c for c in data if any("Array" in str(field.type) for field in dataclasses.fields(c))}
+    assert len(with_arrays) > 40
+    assert not [c for c in with_arrays | data & answers if c.__dataclass_params__.eq]  # an __eq__ of its own is allowed
 
 
 def test_no_two_public_classes_have_one_name():

@@ -432,6 +432,41 @@ def test_torque_columns_named_by_motors_are_combined(two_motors, tmp_path):
     assert tw.Motion.from_file(path, robot).tau is None
 
 
+@pytest.mark.parametrize("ending", [".tau", ".torque", ".effort", ".current"])
+@pytest.mark.parametrize("by", ["header", "columns", "columns of a log"])
+def test_each_ending_of_a_motor_s_column_names_its_torque(two_motors, tmp_path, ending, by):
+    """Of currents with gains, which are what the motors give per ampere."""
+    robot, _ = two_motors
+    gain = {"a": 2.0, "b": -4.0} if ending == ".current" else None
+    names = [f"a{ending}", f"b{ending}"]
+    header, columns = names, None
+    if by != "header":
+        header = ["first", "second"]
+        log = "" if by == "columns" else "log.csv:"
+        columns = {f"{log}{name}": column for name, column in zip(names, header, strict=True)}
+    path = logged(
+        robot,
+        tmp_path / "log.csv",
+        lambda m: motor_torques(robot.model, m.torques()) / ([2.0, -4.0] if gain else [1.0, 1.0]),
+        header,
+    )
+    motion = tw.Motion.from_file(path, robot, columns=columns, gain=gain)
+    assert_close(motion.tau, motion.torques(), 1e-9, "τ by names of motors")
+
+
+@pytest.mark.parametrize("more", [["a", "b"], ["a [rad]", "b [rad]"], ["a.pos", "b.pos"], ["a.vel", "b.vel"]])
+def test_positions_of_motors_beside_torques_of_the_joints_make_these_no_torques_of_motors(two_motors, tmp_path, more):
+    robot, _ = two_motors
+    path = logged(
+        robot,
+        tmp_path / "log.csv",
+        lambda m: np.column_stack([m.q, m.torques()]),
+        [*more, "joint1.torque", "joint2.torque"],
+    )
+    motion = tw.Motion.from_file(path, robot)
+    assert_close(motion.tau, motion.torques(), 1e-9, "τ of the joints themselves")
+
+
 def test_friction_of_coupled_motors_is_identified(two_motors, tmp_path):
     """Torques with friction of motor a: predicted to rounding of the fit with columns for motors, and not without."""
     robot, alone = two_motors

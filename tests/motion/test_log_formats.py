@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,8 @@ from ros_logs import write_bag, write_mcap
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.motion.readers.file_ends import FileEnds
+from twistwrench.motion.readers.mat_files import read_mat
 
 ARM = tw.robots.planar_2r()
 TIME = np.arange(50) * 0.01
@@ -203,6 +206,99 @@ def test_whole_numbers_of_matlab_4_keep_their_sign_and_size(kind, tmp_path):
     savemat(tmp_path / "log.mat", {"t": TIME[:, None], "q": Q, "tau": tau}, format="4")
     motion = tw.Motion.from_file(tmp_path / "log.mat", ARM)
     np.testing.assert_array_equal(motion.tau, tau.astype(float))
+
+
+def mat_5(order, arrays):
+    """A MAT file of version 5 as its definition lays it out; arrays by name, as (class, type of the numbers, array)."""
+
+    def element(code, content):
+        return struct.pack(f"{order}II", code, len(content)) + content + bytes(-len(content) % 8)
+
+    out = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(f"{order}H", 0x0100) + (b"IM" if order == "<" else b"MI")
+    for name, (kind, code, array) in arrays.items():
+        numbers = array.astype(array.dtype.newbyteorder(order)).tobytes(order="F")
+        if len(name) <= 4:  # short contents stand within the tag
+            label = struct.pack(f"{order}I", (len(name) << 16) | 1) + name.encode().ljust(4, b"\0")
+        else:
+            label = element(1, name.encode())
+        shape = element(5, struct.pack(f"{order}2i", *array.shape))
+        out += element(14, element(6, struct.pack(f"{order}II", kind, 0)) + shape + label + element(code, numbers))
+    return out
+
+
+def mat_4(order, arrays):
+    """A MAT file of version 4: five whole numbers, the name with a zero, and the numbers by columns; big-endian is 1000."""
+    out = b""
+    for name, (kind, code, array) in arrays.items():
+        code = (1000 if order == ">" else 0) + 10 * code + kind
+        out += struct.pack(f"{order}5i", code, *array.shape, 0, len(name) + 1) + name.encode() + b"\0"
+        out += array.astype(array.dtype.newbyteorder(order)).tobytes(order="F")
+    return out
+
+
+VERSIONS = {  # writer, class of arrays of numbers, and types of numbers by their codes
+    "5": (mat_5, 6, {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}),
+    "4": (mat_4, 0, {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}),
+}
+
+
+@pytest.mark.parametrize("order", ["<", ">"], ids=["little", "big"])
+@pytest.mark.parametrize("version", VERSIONS)
+def test_each_type_of_number_of_matlab_is_read_in_both_orders_of_bytes(version, order, tmp_path):
+    """MATLAB keeps whole numbers in the smallest type that holds them, whatever the class of the array."""
+    write, kind, types = VERSIONS[version]
+    arrays = {}
+    for code, dtype in types.items():
+        numbers = np.arange(2.0 * len(TIME)).reshape(-1, 2) - (0 if dtype[0] == "u" else 40)
+        arrays[dtype] = arrays[f"long_name_{dtype}"] = (kind, code, numbers.astype(dtype))
+    path = tmp_path / "log.mat"
+    path.write_bytes(write(order, arrays))
+    found, _ = read_mat(FileEnds.from_path(path))
+    assert list(found) == list(arrays)
+    for name, (_, _, numbers) in arrays.items():
+        np.testing.assert_array_equal(np.concatenate(list(found[name].portions(20))), numbers, err_msg=name)
+
+
+@pytest.mark.parametrize("options", [{}, {"do_compression": True}, {"format": "4"}], ids=["5", "packed", "4"])
+def test_what_is_no_array_of_real_numbers_in_a_mat_file_is_left_out(options, tmp_path):
+    from scipy.io import savemat
+    from scipy.sparse import eye
+
+    log = {"t": TIME[:, None], "first": "a text", "q": Q, "z": 1j * Q, "s": eye(3), "tau": TAU}
+    if "format" not in options:
+        log |= {
+            "parts": {"inner": Q, "deep": TAU},
+            "cells": np.array([Q, "word"], dtype=object),
+            "on": np.array([[True]]),
+        }
+    path = tmp_path / "log.mat"
+    savemat(path, log, **options)
+    found, _ = read_mat(FileEnds.from_path(path))
+    kept = {name: np.concatenate(list(array.portions(20))) for name, array in found.items() if array.size}
+    assert list(kept) == [name for name in ("t", "q", "tau", "on") if name in log]
+    for name, numbers in kept.items():
+        np.testing.assert_array_equal(numbers, np.squeeze(log[name]))
+
+
+UNEVEN = {
+    "one row": [[0.1, 0.2]],
+    "a shorter first": [[0.1], *[[0.1, 0.2]] * 9],
+    "a longer first": [[0.1, 0.2, 0.3], *[[0.1, 0.2]] * 9],
+    "an empty first": [[], *[[0.1, 0.2]] * 9],
+    "none in between": [*[[0.1, 0.2]] * 5, None, *[[0.1, 0.2]] * 5],
+    "words": [["a", "b"]] * 9,
+}
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_lists_that_make_no_array_are_columns_of_nothing(name, tmp_path):
+    import pyarrow.parquet
+
+    lists = UNEVEN[name]
+    table = pyarrow.table({"time": 0.01 * np.arange(len(lists)), "q": lists})
+    pyarrow.parquet.write_table(table, tmp_path / "log.parquet")
+    with pytest.raises(tw.TrajectoryError, match=r"no arrays of numbers|no column for joint1, joint2"):
+        tw.Motion.from_file(tmp_path / "log.parquet", ARM)
 
 
 @pytest.mark.usefixtures("reading")

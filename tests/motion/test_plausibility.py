@@ -19,6 +19,8 @@ from twistwrench.motion.plausibility import (
     Origin,
     RecordedSteps,
     _departures,
+    _is_abrupt,
+    _pulses,
     doubtful_spans,
     impossible_torque,
 )
@@ -119,3 +121,66 @@ def test_departures_from_running_medians_are_those_of_scipy_bit_for_bit():
     speeds = np.random.default_rng(0).normal(size=(200, 3))
     medians = median_filter(speeds, (9, 1))
     np.testing.assert_array_equal(_departures(speeds)[4:-4], (speeds - medians)[4:-4])
+
+
+def pulses_of(departures, *, split, base=0.0, own=slice(0, 60), share=0.6):
+    """Pulses of speeds that are ``base`` but for some rows from row 20 on; those below 0.5 are no pulses."""
+    v = np.full((60, 1), base)
+    v[20 : 20 + len(departures), 0] += departures
+    return [(first, last) for first, last, _ in _pulses(v, np.array([0.5]), share, own, split=split)]
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize(
+    ("departures", "split", "found"),
+    [
+        ([1.0], False, [(20, 20)]),
+        ([0.49], False, []),
+        ([1.0, 0.33], False, [(20, 20)]),
+        ([1.0, 0.37], False, []),  # of more than 0.35 beside it, no lone pulse
+        ([1.0, 0.37], True, [(20, 21)]),  # an impact between two rows
+        ([1.0, -0.37], True, []),  # back and forth is none
+        ([1.0, -0.33], True, [(20, 20)]),
+        ([1.0, 0.0, 0.37], True, []),
+        ([1.0] * 4, False, [(20, 23)]),
+        ([1.0, 0, 0, 0, 1.0], False, [(20, 24)]),
+        ([1.0, 0, 0, 0, 0, 1.0], False, []),  # too long for one
+        ([1.0, 0, 0, 0, 0, 0, 1.0], False, [(20, 20), (26, 26)]),
+        ([1.0, 0, 0, 0, 0, 0.4], False, []),  # five steps beside it are quiet
+        ([1.0, 0, 0, 0, 0, 0, 0.4], False, [(20, 20)]),
+    ],
+)
+def test_pulses_are_a_few_rows_in_quiet_surroundings_forwards_and_backwards(departures, split, found, mirrored):
+    if mirrored:
+        end = 39 + len(departures)  # first and last row of what departs, together
+        departures, found = departures[::-1], [(end - last, end - first) for first, last in found[::-1]]
+    assert pulses_of(departures, split=split) == found
+
+
+def test_a_pulse_departs_by_a_share_of_the_speed_around_it_and_begins_in_a_portion_s_own_rows():
+    assert pulses_of([1.1], split=False, base=2.0) == [] and pulses_of([1.1], split=False, base=-2.0) == []
+    assert pulses_of([1.3], split=False, base=2.0) == pulses_of([-1.3], split=False, base=-2.0) == [(20, 20)]
+    for own, found in ((slice(20, 21), [(20, 20)]), (slice(0, 20), []), (slice(21, 60), [])):
+        assert pulses_of([1.0], split=False, own=own) == found
+
+
+def test_the_column_of_a_pulse_is_the_one_that_departs_most_for_its_noise():
+    v = np.zeros((60, 2))
+    v[20] = 1.0, 3.0
+    assert [found[2] for found in _pulses(v, np.array([0.5, 2.0]), 0.6, slice(0, 60))] == [0]
+    assert [found[2] for found in _pulses(v, np.array([0.5, 1.0]), 0.6, slice(0, 60))] == [1]
+
+
+def test_a_brief_stop_is_smooth_and_a_repeated_row_is_abrupt():
+    """Speeds change most at the ends of a wrong row, and beside them where a joint comes to rest and starts again."""
+    stop = 1.0 - np.exp(-(((np.arange(60) - 30.0) / 3.0) ** 2))
+    assert not _is_abrupt(stop, 29, 31) and not _is_abrupt(1.0 - stop, 29, 31)
+    wrong = np.ones(60)
+    for rows in (slice(30, 31), slice(30, 33)):
+        wrong[rows] = 0.0
+        assert _is_abrupt(wrong, rows.start, rows.stop - 1)
+    kick = np.where(np.arange(60) == 33, 3.0, 1.0)
+    kick[30] = 0.0
+    assert not _is_abrupt(kick, 30, 30) and not _is_abrupt(kick[::-1], 29, 29)
+    ends = np.r_[np.full(30, 0.2), 0.0, 1.0, 1.0, np.full(27, 1.5)]  # changes by 0.2 and 1.0, and by 0.5 beside them
+    assert _is_abrupt(ends, 30, 30) and _is_abrupt(ends[::-1], 29, 29)

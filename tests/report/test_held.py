@@ -388,11 +388,12 @@ def with_gripper(folder, kind):
 def test_fingers_weaker_than_the_grip_force_make_the_answer_unsure(tmp_path, frame):
     """Nothing describes how the grip force loads the drives: below their limit a remark, above it UNSURE, never a bare OK."""
     robot, motion = with_gripper(tmp_path, "prismatic")
-    for force, word in ((160, "UNSURE"), (90, "OK")):
+    for force, word in ((160, "UNSURE"), (100.1, "UNSURE"), (100, "OK"), (90, "OK")):
         answer = tw.check(robot, motion, payload={frame: 1.0}, grip=f"{force},0.5@{frame}")
         assert answer.verdict.word == word
         remark = f"drives of left_drive, right_drive (100 N) are not judged for the grip force of {force} N"
         assert remark in " ".join(str(answer).split())
+        assert ("above the limit of a sliding finger" in answer.headline) == (word == "UNSURE")
     stronger = {"left_drive": 500.0, "right_drive": 500.0}
     assert tw.check(robot, motion, payload={frame: 1.0}, grip=f"160,0.5@{frame}", limits=stronger).verdict.ok
 
@@ -400,9 +401,9 @@ def test_fingers_weaker_than_the_grip_force_make_the_answer_unsure(tmp_path, fra
 def test_turning_fingers_are_remarked_and_fingers_that_a_wrench_loads_are_judged(tmp_path):
     robot, motion = with_gripper(tmp_path, "revolute")
     asked = {"payload": {"palm": 1.0}, "grip": "160,0.5@palm"}
-    assert "(100 N m) are not judged for the grip force of 160 N" in " ".join(
-        str(tw.check(robot, motion, **asked)).split()
-    )
+    answer = tw.check(robot, motion, **asked)
+    assert "(100 N m) are not judged for the grip force of 160 N" in " ".join(str(answer).split())
+    assert answer.verdict.ok  # a moment is not compared with a force
     push = {name: [0, 0, 0, 0, 5.0, 0] for name in ("left", "right")}
     assert "not judged" not in str(tw.check(robot, motion, wrench_on_robot=push, **asked))
     assert "not judged" not in str(tw.check("ur5", around_the_peak(), payload=5, grip="200,0.5"))

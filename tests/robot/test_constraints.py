@@ -565,6 +565,28 @@ def test_a_velocity_that_is_all_wrong_is_refused_however_slow(held, speed):
     held.forward_dynamics(q, right, np.zeros(3))
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_tenth_of_the_terms_of_a_rate_may_break_the_constraints_whatever_signs_they_have(held, seed):
+    """Terms of a row: |A| |ddq| and what velocities add, which has one sign at some poses and the other one at others."""
+    rng = np.random.default_rng(seed)
+    q = held.consistent(rng.uniform(-1.5, 1.5, 3), within=np.inf)
+    dq = held.project_velocity(q, rng.normal(size=3))
+    A, b = held.constraint_jacobian(q), held.constraint_bias(q, dq)
+    right, across = held.project_acceleration(q, dq, rng.normal(size=3)), np.linalg.pinv(A)
+
+    def share(ddq):
+        terms = np.abs(A) @ np.abs(ddq) + np.abs(b)
+        return (np.abs(A @ ddq + b) / held.sizes).max() / (terms / held.sizes).max()
+
+    for row in across.T:
+        for sign in (-1, 1):
+            ddqs = right + sign * np.geomspace(1e-3, 1e2, 200)[:, None] * row
+            shares = np.array([share(ddq) for ddq in ddqs])
+            held.inverse_dynamics(q, dq, ddqs[np.flatnonzero(shares < 0.097)[-1]])
+            with pytest.raises(tw.ConstraintError, match=r"ddq breaks the constraints by 0\.1"):
+                held.inverse_dynamics(q, dq, ddqs[np.flatnonzero(shares > 0.11)[0]])
+
+
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_small_and_large_robots_are_judged_alike(scale):
     robot = four_bar(tuple(scale * np.array([0.3, 0.8, 0.6, 0.7])))

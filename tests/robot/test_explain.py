@@ -74,6 +74,17 @@ def test_each_link_causes_what_a_robot_of_that_link_alone_would_need():
         assert_close(why.contribution(cause), alone, ROUNDING, cause)
 
 
+def test_a_robot_without_mass_has_no_cause_and_friction_alone_acts():
+    hinge = """<robot name="bare"><link name="a"/><link name="b"/><joint name="hinge" type="continuous"><parent link="a"/>
+    <child link="b"/><dynamics damping="0.5" friction="2"/></joint></robot>"""
+    with pytest.warns(tw.ModelWarning):
+        robot = tw.load(hinge)
+    why = robot.explain([0.3], [4.0], [5.0], friction=True)
+    assert_close(why.torque, [0.5 * 4 + 2], 1e-12, "friction")
+    assert not [cause for cause in why.causes if why.contribution(cause).any() and "friction" not in cause]
+    assert not robot.explain([0.3], [4.0], [5.0]).torque.any()
+
+
 def test_a_payload_causes_what_the_robot_needs_with_it_and_not_without():
     robot = tw.robots.panda()
     load = tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=3.0)

@@ -183,6 +183,43 @@ def test_an_offset_that_explains_nearly_all_is_named_before_a_drift_that_explain
     assert found.kind == "sensor-file-offset" and "fy 6" in str(found), str(found)
 
 
+def cause(log, channel, planted, spikes=0):
+    """Cause that is named of residuals with something planted in a channel, and spikes in another one."""
+    rest, sigma = np.zeros((len(log), 6)), np.full((len(log), 6), 0.01)
+    rest[:, channel] = planted
+    rest[: 2 * spikes : 2, 1] = 3.0
+    return departure(log, AT_REST, rest, sigma, lambda x: (np.abs(x) > 0.05).any(axis=1))
+
+
+CLOCKS = {"none": (None, "45 readings"), "from 0": (0.0, "22 s"), "since 1970": (1.7e9, "22 s")}
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_a_drift_is_named_with_its_size_whatever_the_clock(clock):
+    log, (start, span) = dwells(np.random.default_rng(9), samples=5).rows(slice(0, 45)), CLOCKS[clock]
+    if start is not None:
+        log = replace(log, time=start + 0.5 * np.arange(45))
+    s = np.linspace(0.0, 1.0, 45)
+    for course, change in ((s - 0.3, 2), (0.3 - s**2, -2)):
+        found, off = cause(log, 4, 2.0 * course, spikes=5), np.abs(2.0 * course) > 0.05
+        assert found.kind == "sensor-file-drift"
+        assert f"fx 0, fy {change}, fz 0 [N m, N] over" in str(found) and f"{span}, which explains" in str(found)
+        assert f"explains {off.sum() - 5} of {off.sum()} readings" in str(found)
+
+
+def test_a_gain_is_named_with_its_share_of_the_load_and_what_leaves_a_third_of_the_readings_off_is_not():
+    log = dwells(np.random.default_rng(9), samples=5).rows(slice(0, 45))  # weights of poses that do not cancel
+    load, s = log.predicted(AT_REST) - np.asarray(AT_REST.bias), np.linspace(0.0, 1.0, 45)
+    found = cause(log, 5, 0.1 * load[:, 5])
+    share = 0.1 * load[:, 5].std() / np.sqrt(load[:, 3:].var(axis=0).sum())
+    assert found.kind == "sensor-file-gain"
+    assert float(re.search(r"off by ([\d.]+) %", str(found))[1]) == pytest.approx(100 * share, rel=0.03)
+    assert cause(log, 5, 2.0 * load[:, 5]) is None  # of another tool
+    assert cause(log, 4, 2.0 * (s - 0.3), spikes=15) is None
+    assert cause(log, 4, np.where((s > 0.3) & (s < 0.6), 2.0, 0.0)) is None  # a contact
+    assert cause(log, 4, np.where(np.arange(45) < 2, 2.0, 0.0)) is None
+
+
 def test_a_bias_makes_no_error_of_the_load():
     """A sensor whose bias is 1000 N more, and readings with it: the same readings are off, a push of ten times the noise."""
     rng = np.random.default_rng(10)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from sensor_logs import AT_REST, NOISE, drifting
+import pytest
+from numpy.testing import assert_allclose
+from sensor_logs import AT_REST, NOISE, drifting, dwells
 
 from twistwrench.core.estimation.covariance import cluster_robust_covariance, variance_estimate_covariance
 from twistwrench.sensing.compensation import compensate
@@ -110,3 +112,27 @@ def test_poses_far_apart_are_not_taken_for_a_motion():
     found = compensate(mixed, AT_REST, noise=(0.01, 0.3))
     assert "does not explain the log" in str(found.doubts[0])
     assert "motion" not in " ".join(map(str, found.doubts))
+
+
+@pytest.mark.parametrize("error", [0.0, 0.5, 3.0])
+@pytest.mark.parametrize("outliers", [0, 6])
+def test_a_robust_fit_finds_the_deviation_of_rows_whether_it_comes_from_readings_or_from_poses(error, outliers):
+    """Means of 25 readings have a fifth of their noise, and each pose an error of its own; outliers are ten times as large.
+
+    A deviation by the median of 60 rows is known to 15 %, and that of three channels to 9 %.
+    """
+    rng = np.random.default_rng(5)
+    poses = static_poses(dwells(rng, 60, samples=25, error=error))
+    wanted = NOISE * np.hypot(0.2, error)
+    log = poses.log
+    log.readings[: 2 * outliers : 2] += 10.0 * wanted
+    asked = Problem(
+        log, Unknowns(), 1.0, np.zeros(6), None, poses.count, poses.within, poses.within_freedom, np.arange(60)
+    )
+    found = fit(asked, keep=np.ones(60, bool), huber=True)
+    for kind in (slice(0, 3), slice(3, 6)):
+        share = np.sqrt((found.deviation[:, kind] ** 2).mean() / (wanted[kind] ** 2).mean())
+        assert 0.75 < share < (1.25 if outliers == 0 else 1.45), share
+    if not outliers:
+        plain = fit(asked, keep=np.ones(60, bool))
+        assert_allclose(np.sqrt((plain.deviation**2 / wanted**2).mean()), 1.0, atol=0.1)

@@ -115,6 +115,12 @@ def test_claims_of_order_are_neither_too_high_nor_too_low():
         replace(RK4, order=3)
     with pytest.raises(tw.ValueRangeError, match="dense output of order 5"):
         replace(DORMAND_PRINCE, dense_order=5)
+    with pytest.raises(tw.ValueRangeError, match="has no embedded step of order 5"):
+        replace(DORMAND_PRINCE, embedded_order=5)
+    with pytest.raises(tw.ValueRangeError, match="claims order 3 and has order 4"):
+        replace(DORMAND_PRINCE, embedded_order=3)
+    with pytest.raises(tw.ValueRangeError, match="does not end where the step does"):
+        replace(DORMAND_PRINCE, dense=(*DORMAND_PRINCE.dense[1:], DORMAND_PRINCE.dense[0]))
     with pytest.raises(tw.ValueRangeError, match="square"):
         Tableau("odd", 1, a=((0, 0),), b=(1,))
     with pytest.raises(tw.ValueRangeError, match="claims order 2"):

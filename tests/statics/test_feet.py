@@ -11,7 +11,12 @@ from robot_files import FILES, NONE
 
 import twistwrench as tw
 from twistwrench import statics
+from twistwrench.mechanics.lie import quaternion, so3
 from twistwrench.mechanics.model.joining import with_free_base
+from twistwrench.statics.stance import stance_rates
+
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 FEET = {
     "talos_data/talos_reduced": ("left_sole_link", "right_sole_link"),
@@ -143,6 +148,83 @@ def test_the_stance_foot_of_a_biped_does_not_move_and_the_rates_of_its_base_are_
     assert_allclose(motion.ddq[2:-2][rows], change[rows], atol=2e-3 * np.abs(change).max())
 
 
+@pytest.mark.parametrize("stance", ["auto", "right_foot"])
+def test_a_trunk_that_sways_on_its_ankles_has_the_rates_of_an_inverted_pendulum(biped, stance):
+    """Hips and knees keep straight: the trunk, 0.8 m above the ankles, turns about them, and feels no more in its own axes."""
+    held, free = tw.load(biped), tw.load(biped, floating_base=True)
+    t = np.linspace(0.0, 1.0, 30)
+    q, dq, ddq = 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t), -0.9 * np.sin(3 * t)
+    ankles = [0, 0, 1, 0, 0, 1]
+    joints = tw.Motion(t, *(np.outer(x, ankles) for x in (q, dq, ddq)), robot=held, in_seconds=True)
+    motion = statics.base_from_stance(free, joints, ("left_foot", "right_foot"), stance)
+    about_y_and_along_x = [0, 1, 0, 0.8, 0, 0]
+    assert_allclose(motion.dq[:, :6], np.outer(-dq, about_y_and_along_x), atol=1e-9)
+    assert_allclose(motion.ddq[:, :6], np.outer(-ddq, about_y_and_along_x), atol=1e-9)
+
+
+LIFTED = """<robot name="lifted"><link name="trunk"><inertial><mass value="10"/><inertia ixx="1" ixy="0" ixz="0" iyy="1"
+iyz="0" izz="1"/></inertial></link>{legs}</robot>"""
+LEG = """<link name="{name}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+<collision><geometry><box size="0.2 0.1 0.02"/></geometry></collision></link><joint name="{name}_down" type="prismatic">
+<parent link="trunk"/><child link="{name}"/><origin xyz="0 {y} -0.5"/><axis xyz="0 0 -1"/><limit lower="-1" upper="1"
+effort="9" velocity="9"/></joint>"""
+
+
+@pytest.fixture(scope="module")
+def lifted(tmp_path_factory):
+    """A trunk on two legs that slide downwards, held and free: coordinates are how far the soles stand out."""
+    path = tmp_path_factory.mktemp("lifted") / "lifted.urdf"
+    legs = LEG.format(name="left", y=0.1) + LEG.format(name="right", y=-0.1)
+    path.write_text(LIFTED.format(legs=legs))
+    return tw.load(path), tw.load(path, floating_base=True)
+
+
+def trunk(lifted, right, dt=0.005):
+    """Rise of the trunk [mm] and its rate [mm/s], while the right leg goes out by ``right`` [mm] and the left one stays."""
+    held, free = lifted
+    n = len(right)
+    q = np.column_stack([np.zeros(n), 1e-3 * np.asarray(right, float)])
+    motion = tw.Motion(dt * np.arange(n), q, robot=held, in_seconds=True)
+    motion = statics.base_from_stance(free, motion, ("left", "right"))
+    return 1e3 * (motion.q[:, 6] - motion.q[0, 6]), 1e3 * motion.dq[:, 5]
+
+
+@pytest.mark.parametrize(
+    ("right", "takes_over"),
+    [
+        ([6.0] * 5, True),  # lower for 20 ms
+        ([6.0] * 4, False),  # for 15 ms
+        ([5.1] * 5, True),
+        ([4.9] * 40, False),
+        ([6.0] * 3 + [0.0] * 4 + [6.0] * 3, False),  # two short times are not one long time
+        ([6.0] * 3 + [0.0] * 4 + [6.0] * 5, True),
+    ],
+)
+def test_a_foot_takes_over_if_it_is_lower_by_5_mm_for_20_ms(lifted, right, takes_over):
+    """A foot that took over stays where it has come to, in a dent of the ground: the trunk sinks when its leg draws in."""
+    risen, _ = trunk(lifted, [0.0] * 3 + right + [0.0] * 30)
+    assert_allclose(risen[: 3 + len(right)], 0.0, atol=1e-9)
+    assert_allclose(risen[-30:], -right[-1] if takes_over else 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("rows", "takes_over"), [(1, False), (2, True)])
+def test_at_the_end_of_a_motion_two_rows_in_which_a_foot_is_lower_are_a_step_and_one_is_not(lifted, rows, takes_over):
+    """The motion ends before the time is up for which the foot would be lower; one row alone may be a glitch."""
+    right = [0.0] * 5 + [6.0, 7.0][:rows]
+    risen, rate = trunk(lifted, right)
+    assert_allclose(risen[-1], 1.0 if takes_over else 0.0, atol=1e-9)
+    assert (abs(rate[-1]) > 1.0) == takes_over and abs(rate[:5]).max() < 1e-9
+
+
+def test_a_foot_that_takes_over_stands_from_where_both_were_last_at_one_height(lifted):
+    """It goes out at 0.1 mm a row: up to 0.5 mm both stand, and from there on it carries the trunk up."""
+    right = 0.1 * np.arange(100)
+    risen, _ = trunk(lifted, right)
+    assert_allclose(risen[:5], 0.0, atol=1e-9)
+    assert_allclose((right - risen)[10:], right[-1] - risen[-1], atol=1e-9)
+    assert 0.35 < right[-1] - risen[-1] < 0.65
+
+
 @pytest.mark.parametrize(("shape", "radius"), [("sphere", 0.03), ("sphere", 0.2), ("cylinder", 0.03)])
 def test_a_wheel_touches_the_ground_below_its_centre_at_its_radius(tmp_path, shape, radius):
     """A ball caster, and a cylinder about y, which reaches as deep."""
@@ -168,6 +250,88 @@ def test_four_feet_that_are_points_stand_together():
         assert np.ptp(np.asarray(free.forward_kinematics(motion.q, foot))[:, :3, 3], axis=0).max() < 1e-9
         J = np.asarray(free.jacobian(motion.q, foot))[:, 3:]
         assert np.abs(np.einsum("nij,nj->ni", J, motion.dq)).max() < 1e-9
+
+
+def test_a_base_on_points_has_the_rates_for_which_the_points_neither_move_nor_speed_up():
+    """Joint rates that the ground allows; the same points are given in the frames of the feet and of the shanks, which turn."""
+    free, rng = tw.robots.quadruped(), np.random.default_rng(4)
+    feet = [f"{leg}_foot" for leg in ("FL", "FR", "RL", "RR")]
+    q = np.array(free.neutral)
+    q[7:] = np.tile([0.0, 0.8, -1.6], 4) + 0.2 * rng.normal(size=12)
+    q[:4] = quaternion.from_matrix(so3.exp([0.3, -0.2, 0.5]))
+    J = np.concatenate([free.jacobian(q, foot)[3:] for foot in feet])
+    allowed = np.eye(18) - np.linalg.pinv(J) @ J
+    dq = allowed @ rng.normal(size=18)
+    bias = np.concatenate([free.frame_acceleration(q, dq, np.zeros(18), foot)[3:] for foot in feet])  # the points rest
+    ddq = allowed @ rng.normal(size=18) - np.linalg.pinv(J) @ bias
+    in_shanks = {}
+    for foot in feet:
+        shank = free.model.bodies[free.model.frames[foot].body].link
+        in_shanks[shank] = (np.linalg.inv(free.forward_kinematics(q, shank)) @ free.forward_kinematics(q, foot))[
+            None, :3, 3
+        ]
+        assert np.linalg.norm(in_shanks[shank]) > 0.1
+    for soles in ({foot: np.zeros((1, 3)) for foot in feet}, in_shanks):
+        found = stance_rates(free, q[None], dq[None, 6:], ddq[None, 6:], soles, np.ones((1, 4), bool))
+        assert_allclose(found[0][0], dq, atol=1e-9)
+        assert_allclose(found[1][0], ddq, atol=1e-9)
+
+
+ENDS = {  # frames at the end of a leg: name, height above its lowest [m], whether it has a shape; the last one is the farthest
+    "the lowest": ([("tip", 0.0, False), ("above", 0.02, True)], "tip"),
+    "the farthest of equals": ([("tip", 0.0, False), ("end", 0.0, False)], "end"),
+    "a foot 9 mm above": ([("sole", 0.009, False), ("tip", 0.0, False)], "sole"),
+    "a foot 11 mm above": ([("sole", 0.011, False), ("tip", 0.0, False)], "tip"),
+    "a foot with a shape": ([("ankle", 0.009, True), ("sole", 0.0, False)], "ankle"),
+    "a shape without a name": ([("Foot", 0.005, False), ("tip", 0.0, True)], "Foot"),
+    "sensors alone": ([("foot_imu", 0.0, False), ("sole", 0.02, False)], "foot_imu"),
+    **{
+        f"a {word}": ([(word, 0.005, False), ("tip", 0.0, False)], word)
+        for word in ("foot", "sole", "ankle", "wheel", "toe")
+    },
+    **{
+        f"beside a {word}": ([("tip", 0.005, False), (f"Foot_{word}", 0.0, True)], "tip")
+        for word in ("bumper", "sensor", "fsr", "tactel", "imu", "camera")
+    },
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_a_leg_stands_on_a_frame_within_a_centimetre_that_is_named_as_a_foot_and_is_no_sensor(name):
+    frames, chosen = ENDS[name]
+    text = ""
+    for side, y in (("left", 0.1), ("right", -0.1)):
+        parent = "trunk"
+        for part, z in (("thigh", 0.0), ("shank", -0.4)):
+            text += (
+                f'<link name="{side}_{part}"/><joint name="{side}_{part}_joint" type="continuous"><parent link="{parent}"/>'
+                f'<child link="{side}_{part}"/><origin xyz="0 {y if parent == "trunk" else 0} {z}"/><axis xyz="0 1 0"/></joint>'
+            )
+            parent = f"{side}_{part}"
+        for end, height, shaped in frames:
+            shape = '<collision><geometry><sphere radius="0.01"/></geometry></collision>' if shaped else ""
+            text += (
+                f'<link name="{side}_{end}">{shape}</link><joint name="{side}_{end}_fixed" type="fixed"><parent link="{parent}"/>'
+                f'<child link="{side}_{end}"/><origin xyz="0 0 {height - 0.4}"/></joint>'
+            )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)
+        robot = tw.load(f'<robot name="walker"><link name="trunk"/>{text}</robot>')
+    assert statics.find_feet(robot) == (f"left_{chosen}", f"right_{chosen}")
+
+
+@pytest.mark.parametrize(("pitch", "leans"), [(0.3, True), (0.77, True), (0.8, False), (-0.77, True), (-0.8, False)])
+def test_a_base_leans_with_its_soles_up_to_45_degrees_and_stands_upright_on_edges_beyond(biped, pitch, leans):
+    """Both soles in one plane: up to there, that plane is the floor; a robot whose toes point down stands on these."""
+    held, free = tw.load(biped), tw.load(biped, floating_base=True)
+    q = np.tile([0.0, 0.0, pitch, 0.0, 0.0, pitch], (4, 1))
+    still = tw.Motion(0.01 * np.arange(4), q, np.zeros((4, 6)), np.zeros((4, 6)), robot=held, in_seconds=True)
+    motion = statics.base_from_stance(free, still, ("left_foot", "right_foot"))
+    turned = quaternion.rotation(motion.q[0, :4])
+    assert_allclose(turned, so3.exp([0.0, -pitch if leans else 0.0, 0.0]), atol=1e-9)
+    corners = np.concatenate([[c.point for c in statics.sole(held, foot, 0.6)] for foot in ("left_foot", "right_foot")])
+    T = np.asarray(free.forward_kinematics(motion.q[0], "left_foot"))
+    assert_allclose((corners @ T[:3, :3].T + T[:3, 3])[:, 2].min(), 0.0, atol=1e-9)
 
 
 def test_a_pose_that_two_points_leave_open_is_an_error_and_a_foot_that_is_not_there_too(biped):

@@ -176,6 +176,26 @@ def test_a_slab_has_the_tips_within_half_its_thickness_on_the_axes_of_its_name(b
         assert edges[-2] <= p[:, axis].max() <= edges[-1] + 1e-9
 
 
+@pytest.mark.parametrize("plane", ["rz", "xz"])
+def test_each_cell_of_a_map_has_the_best_and_the_worst_of_its_own_samples(bundled, plane):
+    """Distances from the base's z axis, whichever way the arm points, or x in a slab; and heights."""
+    ur5 = bundled("ur5")
+    found = statics.payload_map(ur5, plane, thickness=0.5, cells=6, samples=1000, rng=3)
+    q = ur5.random_configuration(np.random.default_rng(3), 1000)
+    x, y, z = np.asarray(ur5.forward_kinematics(q))[:, :3, 3].T
+    u, kept = (np.sqrt(x**2 + y**2), x == x) if plane == "rz" else (x, np.abs(y) <= 0.25)
+    u, z, mass = u[kept], z[kept], statics.largest_payload(ur5, q[kept]).mass
+    assert (found.across, found.thickness) == ((0.0, np.inf) if plane == "rz" else (0.0, 0.5))
+    assert max(found.best.shape) == 6  # of squares
+    assert_allclose(np.concatenate([np.diff(edges) for edges in found.edges]), np.diff(found.edges[0])[0], rtol=1e-9)
+    column, row = (np.searchsorted(edges[1:-1], value) for edges, value in zip(found.edges, (u, z), strict=True))
+    for (i, j), count in np.ndenumerate(found.count):
+        here = mass[(row == i) & (column == j)]
+        assert count == len(here)
+        if count:
+            assert_allclose([found.best[i, j], found.worst[i, j]], [here.max(), here.min()], rtol=1e-12)
+
+
 def test_the_maps_cells_are_filled_however_few_samples_there_are(bundled):
     """Nearly every cell whose neighbours on all sides were reached was reached itself, and not by a handful at the median."""
     ur5 = bundled("ur5")

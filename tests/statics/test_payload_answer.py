@@ -60,6 +60,22 @@ def test_the_answer_holds_the_largest_payload_of_the_pose():
     assert answer.tables["Holding torques"].to_dict()["joint"] == list(found.joint_names)
 
 
+def test_bars_are_as_long_as_the_shares_beside_them_up_to_the_limit(tmp_path):
+    """Twelve characters are the limit, on a terminal with room for them; a joint without a limit has no share."""
+    ur5, file = tw.robots.ur5(), tmp_path / "limits.csv"
+    efforts = dict(zip(ur5.joint_names, [150, 150, 150, 28, 28, np.inf], strict=True))
+    file.write_text("joint,effort\n" + "".join(f"{name},{effort}\n" for name, effort in efforts.items()))
+    for tool in (1.2, 40):
+        words = ["payload", "ur5", *WORDS, "--tool", str(tool), "--limits", str(file)]
+        said = CliRunner().invoke(main, words, env={"COLUMNS": "150"}).output
+        rows = re.findall(r"^ (\w+_joint) .* ([━─]{12}) +(–|\d+ %)", said, re.MULTILINE)
+        answer = tw.payload(ur5, POSE, tool=tool, limits=efforts)
+        assert [name for name, _, _ in rows] == list(ur5.joint_names)
+        for (name, bar, text), share in zip(rows, answer.largest.share, strict=True):
+            assert bar.count("━") == (min(12, round(12 * share)) if np.isfinite(efforts[name]) else 0)
+            assert text == (f"{100 * share:.0f} %" if np.isfinite(efforts[name]) else "–")
+
+
 def test_every_surface_has_the_word_and_the_sentence(tmp_path):
     answer = tw.payload("ur5", POSE, tool=40)
     assert answer.verdict.word == "OVER LIMIT"

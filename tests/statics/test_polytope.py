@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from statics_fixtures import STRONG
 
+import twistwrench as tw
 from twistwrench import statics
 
 pytest_plugins = ("statics_fixtures",)
@@ -160,3 +161,52 @@ def test_no_direction_is_weaker_than_the_weakest(robot):
         assert others.min() <= weakest.magnitude * 1.05
         again = statics.largest_wrench(robot, q, weakest.wrench, limits=L)
         assert_allclose(again.magnitude, weakest.magnitude, rtol=1e-12)
+
+
+def test_the_facets_are_the_sides_that_bound_a_polytope(robot):
+    """Without any other side it is the same, and each of them has a middle that no other side touches."""
+    rng = np.random.default_rng(12)
+    for q in robot.random_configuration(rng, 1):
+        found = statics.wrench_polytope(robot, q, limits=3 * limits_of(robot))
+        bounds = np.array([side in found.facets for side in found.sides])
+        assert set(found.facets) <= set(found.sides) and bounds.sum() > found.normals.shape[1] - found.borne.shape[1]
+        for k in np.flatnonzero(bounds):  # the middle of each is within all other sides
+            on_it = np.abs(found.vertices @ found.normals[k] - found.offsets[k]) < 1e-6 * (1.0 + found.offsets[k])
+            room = found.offsets - found.normals @ found.vertices[on_it].mean(axis=0)
+            assert np.delete(room, k).min() > 1e-6 * (1.0 + found.offsets[k])
+        directions = rng.standard_normal((400, 3))
+        directions -= directions @ found.borne @ found.borne.T
+        reach = [
+            np.min(
+                np.where((rate := directions @ found.normals[kept].T) > 1e-12, found.offsets[kept] / rate, np.inf),
+                axis=1,
+            )
+            for kept in (np.ones(len(bounds), bool), bounds)
+        ]
+        assert_allclose(reach[1], reach[0], rtol=1e-6)
+        points = directions * (reach[0] * rng.choice([0.99, 1.01], 400))[:, None]
+        assert (
+            found.contains(points) == (np.linalg.norm(points, axis=1) < np.linalg.norm(directions, axis=1) * reach[0])
+        ).all()
+
+
+@pytest.mark.parametrize(("effort", "holds"), [(0.4, True), (0.2, False)])
+def test_a_joint_that_no_force_loads_bounds_nothing_but_has_to_hold_itself(tmp_path, effort, holds):
+    """A wrist about its own axis carries 0.3 N m of a weight beside it, whatever force acts on that axis."""
+    inertial = '<inertial><origin xyz="{0}"/><mass value="{1}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    hinge = (
+        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="{3}"/><axis xyz="{4}"/>'
+        '<limit lower="-3" upper="3" effort="{5}" velocity="1"/></joint>'
+    )
+    robot = tw.load(
+        f'<robot name="wrist"><link name="base"/><link name="arm">{inertial.format("0.2 0 0", 1)}</link>'
+        f'<link name="hand">{inertial.format("0 0.03 0", 1.0)}</link><link name="tip"/>'
+        f"{hinge.format('shoulder', 'base', 'arm', '0 0 0', '0 1 0', 50)}{hinge.format('wrist', 'arm', 'hand', '0.5 0 0', '1 0 0', effort)}"
+        '<joint name="end" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="0.1 0 0"/></joint></robot>'
+    )
+    if holds:
+        found = statics.wrench_polytope(robot, [0.3, 0.0], rest="zero")
+        assert all("wrist" not in side for side in found.sides) and {side[1:] for side in found.sides} == {"shoulder"}
+    else:
+        with pytest.raises(tw.ValueRangeError, match="wrist is beyond its limit whatever wrench is applied"):
+            statics.wrench_polytope(robot, [0.3, 0.0], rest="zero")

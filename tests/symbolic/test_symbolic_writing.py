@@ -17,12 +17,12 @@ from twistwrench.symbolic.line_breaks import break_lines
 from twistwrench.symbolic.names import shortest
 
 
-def rrp(general: bool) -> tw.Robot:
+def rrp(general: bool, reach: float = 0.5) -> tw.Robot:
     """Waist, shoulder, and a slide along the arm; with ``general``, every inertia full and no centre on an axis."""
     rng = np.random.default_rng(0)
     builder = ModelBuilder("rrp")
     builder.add_link("base")
-    places, coms = [(0, 0, 0.4), (0, 0, 0.2), (0.5, 0, 0)], [(0, 0, 0.1), (0.2, 0, 0), (0.15, 0, 0)]
+    places, coms = [(0, 0, 0.4), (0, 0, 0.2), (reach, 0, 0)], [(0, 0, 0.1), (0.2, 0, 0), (0.15, 0, 0)]
     joints = [("continuous", (0, 0, 1)), ("continuous", (0, 1, 0)), ("prismatic", (1, 0, 0))]
     for k, (place, com, (kind, axis)) in enumerate(zip(places, coms, joints, strict=True), 1):
         I = np.diag([0.1, 0.12, 0.05])
@@ -60,6 +60,8 @@ def test_sums_that_all_terms_share_are_written_once():
 
 def test_masses_are_written_once_in_a_bracket():
     assert "g₂ = −(m₂ r₂ + m₃ (L₂ + r₃ + x₃)) g cos(θ₂)" in derive(rrp(general=False)).text("gravity_forces")
+    short = derive(rrp(general=False, reach=0.0)).text("gravity_forces")
+    assert "g₂ = −(m₂ r₂ + m₃ (r₃ + x₃)) g cos(θ₂)" in short
 
 
 @pytest.mark.parametrize("general", [False, True])

@@ -208,6 +208,16 @@ def test_also_with_friction(bundled):
     assert motion.duration != pytest.approx(fastest(robot, path, effort=[60, 30]).duration, rel=1e-3)
 
 
+def test_friction_is_against_the_motion_at_both_of_its_ends(bundled):
+    """The first and the last instant have the full share that those a microsecond within have: it resists, then it helps."""
+    text = tw.robots.path_of("planar_2r").read_text()
+    robot = tw.load(text.replace("<axis", '<dynamics friction="4"/><axis'))
+    for efforts in ([60, 30], [600, 300]):
+        motion = fastest(robot, trajectories.joint_line(robot, [0, 0], [0.8, -0.5]), effort=efforts, friction=True)
+        ends = motion.duration * np.array([0.0, 1e-6, 1 - 1e-6, 1.0])
+        np.testing.assert_allclose(motion.shares(ends), 1.0, atol=1e-4)
+
+
 def test_it_is_no_slower_than_a_linear_programme_on_a_grid_finds(bundled):
     """Maximising the sum of x on a grid bounds x from above, as far as the grid tells: an independent oracle.
 

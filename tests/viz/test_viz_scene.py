@@ -14,7 +14,7 @@ import twistwrench as tw
 from twistwrench.formats.source import find_resource
 from twistwrench.mechanics.lie import se3
 from twistwrench.mechanics.model.model import BASE
-from twistwrench.shapes.surface import box, cylinder, ellipsoid, joined, sphere
+from twistwrench.shapes.surface import Surface, box, cylinder, ellipsoid, joined, sphere
 from twistwrench.shapes.visuals import read_visuals
 from twistwrench.viz.scene import equal_inertia_ellipsoid, scene_of, turned_z
 
@@ -285,6 +285,24 @@ def test_thinned_surfaces_keep_their_shape():
         assert len(few.faces) <= most
         assert abs(np.ptp(few.vertices, axis=0) - [2.0, 1.0, 0.6]).max() < 0.25
     assert many.decimated(10_000) is many
+
+
+def test_thinned_flat_faces_keep_the_edges_and_the_volume_of_a_box():
+    """Ten by ten squares on each side: what lies in a plane goes first, wherever the box stands."""
+    ticks, turn = np.linspace(-0.5, 0.5, 11), se3.pose(tw.so3.exp([0.3, -0.5, 0.7]), [3.0, -2.0, 1.0])
+    corner = (np.arange(10)[:, None] * 11 + np.arange(10)).ravel()
+    squares = np.stack([corner, corner + 11, corner + 12, corner, corner + 12, corner + 1], axis=1).reshape(-1, 3)
+    u, v = (x.ravel() for x in np.meshgrid(ticks, ticks, indexing="ij"))
+    sides = []
+    for axis in range(3):
+        for sign in (-1, 1):
+            flat = np.roll(np.column_stack([u, v, np.full(121, 0.5 * sign)]), axis + 1, axis=1)
+            sides.append(Surface(flat, squares[:, ::sign]))
+    whole = joined(sides).scaled((0.1, 0.05, 0.2)).placed(turn)
+    grid, at = np.unique(whole.vertices.round(9), axis=0, return_inverse=True)
+    few = Surface(grid, at.ravel()[whole.faces]).decimated(300)
+    assert len(few.faces) <= 300
+    np.testing.assert_allclose(tw.SpatialInertia.mesh((few.vertices, few.faces), density=1e3).mass, 1.0, rtol=1e-5)
 
 
 def edges_by_faces(surface):

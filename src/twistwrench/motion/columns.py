@@ -165,8 +165,8 @@ class Assignment:
         """Columns without a known meaning."""
 
     def _names_motors(self) -> bool:
-        """True if a column, or an entry of the option ``columns``, has the name of a coupled motor."""
-        endings = ("", f".{CURRENT}", *READ["tau"])
+        """True if a column, or an entry of the option ``columns``, is a torque or a current of a coupled motor by its name."""
+        endings = (f".{CURRENT}", *READ["tau"])
         names: list[str] = []
         for cell in self.cells:
             name, _ = split_unit(cell)

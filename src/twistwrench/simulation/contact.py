@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plane:
     """Contact plane n·x = height for points of one frame; ``docs/simulation.md`` describes the law.
 

@@ -89,7 +89,7 @@ class Ground:
     normal_given: bool = False
     """True if the user states the normal; heights of the contacts are then not a reason to doubt it."""
     schedule: ContactSchedule | None = None
-    """Contacts that carry according to the log, instead of the rule of ``automatic``; None if they do not follow from the log."""
+    """Contacts that carry according to the log, instead of the rule of ``automatic``; None if it has none."""
 
     @cached_property
     def frames(self) -> tuple[str, ...]:
