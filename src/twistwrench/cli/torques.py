@@ -115,7 +115,7 @@ def torques_command(
             )
         motion_files = {f"MOTION {p}": p for p in paths}
         batch_outputs = replace(outputs, inputs={**motion_files, **robot.files})
-        batch_outputs.check(overwrite=True)
+        batch_outputs.check(overwrite=True)  # no output may be one of the inputs
         batch = BatchTorques(robot, log, asked, tuple(paths))
         with progress_bar(f"{len(paths)} motions") as progress:
             return checked_motions(Path(robot.source).stem, paths, batch.answer, workers, scheduler, progress)
@@ -147,7 +147,7 @@ def _check_picture(outputs: Outputs[Checked], robot: RobotOptions, kind: str | N
     """Raise, before a long run, if the kind of picture cannot be drawn, or no picture is written."""
     if kind is not None and "--plot" not in outputs.flags:
         raise ValueRangeError("--kind is of the picture of --plot, and there is none. Add --plot OUT.png.")
-    name, equals_sign, path = outputs.path_of("--plot").partition("=")
+    name, equals_sign, path = outputs.path_of("--plot").partition("=")  # an older form: --plot KIND=PATH
     if equals_sign and name in _PLOT_KINDS:
         raise ValueRangeError(
             f"--plot {name}={path}: the kind is an option of its own. Write --plot {path} --kind {name}."

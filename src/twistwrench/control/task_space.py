@@ -51,7 +51,7 @@ def world_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tup
     """Pose error (log(R_d R'), p_d - p), error of (ω, v) and feedforward in axes of {s}; (6,) each. MR section 11.3.3."""
     R_d, w_d, v_d = T_d[:3, :3], V_d[:3], V_d[3:]
     X_e = np.concatenate([so3.log(R_d @ T[:3, :3].T), T_d[:3, 3] - T[:3, 3]])
-    V_s = np.concatenate([R_d @ w_d, R_d @ v_d])
+    V_s = np.concatenate([R_d @ w_d, R_d @ v_d])  # V_d in axes of {s}, as V is
     dV_s = np.concatenate([R_d @ dV_d[:3], R_d @ (dV_d[3:] + so3.cross(w_d, v_d))])
     return X_e, V_s - V, dV_s
 
@@ -88,7 +88,7 @@ _SUBGROUP_ROWS = (
     frozenset((1, 3, 5)),  # to y
     frozenset((2, 3, 4)),  # to z
 )
-"""Sets of twist rows whose motions are a subgroup of SE(3), so that motions on these rows correct any error on them."""
+"""Sets of twist rows whose motions are a subgroup of SE(3): errors on them can be corrected by motions on the same rows."""
 
 
 @dataclass(frozen=True, eq=False)

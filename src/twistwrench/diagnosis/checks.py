@@ -42,7 +42,7 @@ _USUAL_SYMBOLIC_LIMIT = 1000.0
 
 def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Mimic joints without a leader: loading fails unless ``mimic="independent"``."""
-    for problem in robot.load_errors:
+    for problem in robot.load_errors:  # the only errors that do not prevent the checks
         yield Finding("mimic", Severity.ERROR, problem.where, problem.line, problem.sentence)
 
 
@@ -131,7 +131,7 @@ def _missing_limits(robot: ParsedFile, quantity: str) -> Iterator[Finding]:
             joints_with_symbolic_limit.append(name)
     sentence = f"there is no limit of {quantity}"
     severity = Severity.NOTE
-    if quantity == "effort" and len(arm_entries(robot.model)) > 1:
+    if quantity == "effort" and len(arm_entries(robot.model)) > 1:  # an arm of several joints
         sentence += ", so neither torques nor payloads can be judged"
         severity = Severity.WARNING
     yield from _collective_finding(robot, "effort", joints_without_limit, sentence, severity)
@@ -144,7 +144,7 @@ def _efforts_below_weight(robot: ParsedFile) -> Iterator[Finding]:
     efforts = robot.model.limits.effort
     max_torques = np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)  # of each joint over all poses
     overloaded = np.flatnonzero(max_torques > efforts + margin(efforts))
-    # an effort of 0 has no multiple
+    # By more than the factor BY_WEIGHT; an effort of 0 has no multiple.
     far_overloaded = [k for k in overloaded if max_torques[k] > BY_WEIGHT * efforts[k] > 0]
     names = robot.model.velocity_names
     slightly_overloaded_names = [names[k] for k in overloaded if k not in far_overloaded]

@@ -27,7 +27,7 @@ from .options import Options
 from .parsed_file import ParsedFile, ParsedLink
 
 _MIN_ABSORBED_EFFECT = 1.0
-"""Change of the mass matrix M [%] above which an impossible link within a consistent body is relevant."""
+"""Change of the mass matrix M [%] above which an impossible link is relevant although its body, with all links, is possible."""
 MIN_EFFECT = 5.0
 """Change of the mass matrix M [%] above which a disagreement of tensor and shapes is relevant."""
 _MAX_RATIO_TO_BOX = 2.0
@@ -35,8 +35,8 @@ _MAX_RATIO_TO_BOX = 2.0
 _MAX_IDENTIFIED_RATIO = 10.0
 """Largest ratio to the box, as above, that base-parameter regrouping explains."""
 _MAX_MILD_CHANGE = 0.5
-"""Ratio of two changes of a tensor, to the nearest possible tensor and to the corrected slip, below which the message names
-the nearest tensor too."""
+"""The message also names the nearest possible tensor if the change to it is less than this share of the change that the
+corrected slip makes."""
 _MIN_RADIUS_OF_DIAGONAL = 1.0 / 30.0
 """Smallest gyration radius that fits the shapes, as a share of their diagonal."""
 _NAMES_OF_MOMENTS = ("ixx", "iyy", "izz")
@@ -108,7 +108,9 @@ def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         if error is None and factor <= _MAX_IDENTIFIED_RATIO and identified_like(written):
             repair = None
             effect = Effect()
-            explanation = ", as identified sets have, whose parts are right in their sums only"
+            explanation = (
+                ", as identified sets have, whose parts are right in their sums only"  # mass and moments of a body
+            )
         else:
             repair = entry_error_repair(link, error) or shape_repair(link)
             effect = robot.effects.evaluate(repair.inertias)

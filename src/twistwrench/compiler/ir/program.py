@@ -44,9 +44,9 @@ def _operand_texts(operands: Sequence[Sequence[int | str]]) -> str:
 
 @cache
 def axes_of(signature: str) -> list[list[int]]:
-    """Position of the size of each axis in a loop's ``dims``, operand by operand.
+    """For each axis of each operand, the index of its size in the array ``dims`` of a compiled loop.
 
-    Position 0 is the number of samples. Sizes that are equal in the signature share a position; positions are in the order of
+    Index 0 is the number of samples. Sizes that are equal in the signature share an index; indices are in the order of
     first appearance.
 
     >>> axes_of("(7),(k,7)->(m,7)")

@@ -95,7 +95,7 @@ def compile_form(program: Form, precision: Precision, machine: Machine | None = 
     chosen_machine = machine or chosen()
 
     def texts() -> Iterator[str]:
-        """Texts of the modules, from the first."""
+        """Texts of the modules; called again if cache entries have to be compiled again."""
         return _with_message(program, modules(program, precision, chosen_machine))
 
     with _JIT.lock:

@@ -55,7 +55,7 @@ class _Lease:
     def __init__(self, pool: ResultPool, block: _Block) -> None:
         self._pool = pool
         self._block = block
-        self._idle = pool.idle
+        self._idle = pool.idle  # another list after a fork
         self.__array_interface__ = {
             "version": 3, "shape": (block.size,), "typestr": "|u1", "data": (block.address, False),
         }  # fmt: skip
@@ -85,7 +85,7 @@ class ResultPool:
         room for a new block, idle blocks of other sizes are freed, the oldest first.
         """
         pages = -(-size // PAGE)  # rounded up
-        step = 1 << max(0, pages.bit_length() - 3)  # pages between two block sizes
+        step = 1 << max(0, pages.bit_length() - 3)  # pages between two block sizes: a quarter of the power of two below
         size = -(-pages // step) * step * PAGE
         for block in list(self.idle):
             if block.size == size and self._remove(block):
@@ -132,6 +132,7 @@ _POOL = ResultPool()
 @cache
 def may_use_huge_pages() -> bool:
     """True if large results may use huge pages: if the system has them, unless ``TWISTWRENCH_HUGE_PAGES=0``."""
+    # What the variable does, for the message of another value.
     effect_of_0 = "leave large results to NumPy's own memory"
     effect_of_1 = "keep it for the next ones"
     has_huge_pages = hasattr(mmap, "MADV_HUGEPAGE") and hasattr(mmap, "MADV_FREE")

@@ -158,7 +158,7 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Weak prior: values (r,) that undetermined groups keep, and the largest plausible sizes (r,) of all groups, above 0."""
+    """Weak prior of r groups of parameters: values that undetermined groups keep, and largest plausible sizes, above 0."""
 
     mean: Array
     size: Array
