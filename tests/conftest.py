@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import gc
 import os
 import shutil
@@ -11,6 +10,7 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
+from shared_robots import shared
 
 import twistwrench as tw
 
@@ -98,4 +98,4 @@ def folder_without_strays() -> Generator[None]:
 @pytest.fixture(scope="session")
 def bundled() -> Callable[[str], tw.Robot]:
     """The bundled robot of a name, loaded once."""
-    return functools.cache(lambda name: getattr(tw.robots, name)())
+    return shared(lambda name: getattr(tw.robots, name)())

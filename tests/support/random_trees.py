@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
+from shared_robots import shared
 
 from twistwrench.mechanics.joints import JOINT_TYPES
 from twistwrench.mechanics.model.model import BASE
@@ -30,7 +29,7 @@ UNDRIVEN = tuple(TREES)
 TREES |= DRIVEN
 
 
-@cache
+@shared
 def tree(name):
     robot = random_robot(**(TREES | SIMPLE_TREES)[name])
     return driven(robot, TREES[name]["rng"]) if name in DRIVEN else robot

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from peers import pinocchio_model
 from places import SHARED
+from shared_robots import shared
 
 import twistwrench as tw
 from twistwrench.core.errors import TwistWrenchError
@@ -32,7 +33,7 @@ FILES |= {f"beside/{path.stem}": path for path in sorted(BESIDE.rglob("*.urdf"))
 NONE = [pytest.param(None, marks=pytest.mark.skip(reason="neither example-robot-data nor ../shared/robots is there"))]
 
 
-@cache
+@shared
 def load(name: str, floating_base: bool) -> tw.Robot:
     """The robot exactly as its file says, so that what other libraries make of the same file can be compared."""
     with warnings.catch_warnings():

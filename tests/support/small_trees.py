@@ -5,11 +5,10 @@ PYTEST_DONT_REWRITE: other tests import it before it is a plugin.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from random_trees import ONE_DEGREE, driven
+from shared_robots import shared
 
 from twistwrench.testing import random_robot, random_state
 
@@ -25,7 +24,7 @@ SIMPLE = ("one degree", "mimic")
 """Those whose velocities are the rates of their coordinates."""
 
 
-@cache
+@shared
 def tree(name):
     robot = random_robot(**TREES[name])
     return driven(robot, 6, stiffness="300 N m/rad") if name == "driven" else robot

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
+from shared_robots import shared
 
 import twistwrench as tw
 
@@ -52,10 +51,10 @@ def turning(robot, angle=0.8, rows=31):
 LEGS = ("FL", "FR", "RL", "RR")
 
 
-quadruped = functools.cache(tw.robots.quadruped)
+quadruped = shared(tw.robots.quadruped)
 
 
-@functools.cache
+@shared
 def dog(acceleration=0.0, rows=41, period=0.4):
     """The bundled quadruped with its base, which sways sideways while its feet stand, in whole periods of a sine."""
     robot = quadruped()
