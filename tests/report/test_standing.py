@@ -385,7 +385,7 @@ def noisy(acceleration, noise, tmp_path, rows=201, seed=1):
 
 @pytest.mark.parametrize(("acceleration", "word"), mostly_slow([(2.0, "OK"), (8.0, "OVER LIMIT")], 2))
 def test_noise_within_the_margin_changes_no_first_word(acceleration, word, tmp_path):
-    robot, file = noisy(acceleration, 2e-5, tmp_path, rows=101)
+    robot, file = noisy(acceleration, 2e-5, tmp_path)
     assert tw.check(robot, file, feet="auto", contact_friction=0.6).verdict.word == word
 
 
