@@ -116,7 +116,7 @@ def test_the_workspace_has_the_predicted_errors_of_the_calibration(opened, calib
 def test_the_chart_of_a_report_has_the_colours_of_the_page(calibrated):
     """The same six steps of the same error."""
     axis = Figure().subplots()
-    plots.calibration._draw_remaining(axis, calibrated)
+    plots.calibration._draw_predicted_errors(axis, calibrated)
     errors = 1e3 * calibrated.remaining_at(calibrated.reference)
     steps = np.minimum(np.floor(6 * (errors - errors.min()) / np.ptp(errors)), 5).astype(int)
     drawn = axis.collections[0].to_rgba(errors)[:, :3]
