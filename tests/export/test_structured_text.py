@@ -117,6 +117,22 @@ def test_statements_compute_the_quantity(name, precision, most, tmp_path):
     assert all(np.asarray(x).dtype == dtype for x in found if np.ndim(x))
 
 
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_friction_has_the_sign_of_each_speed_and_none_at_rest(precision, tmp_path):
+    """Coulomb friction of 0.5 N m in the direction of each speed, also the smallest ones, and none at 0 and -0."""
+    entry = {"friction": {"coulomb": "0.5 N m"}}
+    arm = tw.robots.planar_2r().with_gravity([0, 0, 0])
+    arm = arm.with_actuators({"actuators": dict.fromkeys(arm.joint_names, entry)})
+    text = exported(arm, [("inverse_dynamics", {"friction": True})], tmp_path, test=False, precision=precision)
+    (block,) = bodies(text)
+    speeds = [0.0, -0.0, 1e-12, -1e-12, 0.25, -0.25]
+    dq = np.array(np.meshgrid(speeds, speeds)).reshape(2, -1).T
+    rest = np.zeros(dq.shape)  # of a straight arm, whose links move each other by nothing but their accelerations
+    dtype = np.float64 if precision == "double" else np.float32
+    (tau,) = as_python(text, block, dtype, **columns({"q": rest, "dq": dq, "ddq": rest}, dtype)).values()
+    np.testing.assert_allclose(np.stack(tau, axis=-1), 0.5 * np.sign(dq), rtol=0, atol=1e-6)
+
+
 def interpreted(text, given):
     pytest.importorskip("blark", reason="blark, a parser of Structured Text, is not installed")
     known = blocks(text)

@@ -117,6 +117,30 @@ def test_each_feature_alone_has_the_numbers_of_mujoco_or_a_remark(name):
         np.testing.assert_allclose(*(r.reference("mass_matrix", r.random_configuration(0)) for r in robots), rtol=1e-8)
 
 
+@pytest.mark.parametrize("base", ["", "<freejoint/>"])
+@pytest.mark.parametrize("order", [("ball", "hinge", "slide"), ("hinge", "ball", "slide"), ("slide", "hinge", "ball")])
+def test_each_joint_has_its_own_numbers_whatever_moves_before_it(base, order):
+    """Joints, coordinates and velocities are counted apart: a free joint has 7 and 6 of these, a ball joint 4 and 3."""
+    geom, ends, given = '<geom size=".1" pos=".3 0 0"/>', "", {name: [0.0] * 6 * bool(base) for name in ("c", "v", "a")}
+    text = f"<body>{base}{geom}"
+    for k, kind in enumerate((*order, *order), start=1):
+        position_range = "0 1.5" if kind == "ball" else f"-{k} {k + 0.5}"
+        text += f'<body><joint name="j{k}" type="{kind}" frictionloss="{k}" damping="{10 + k}" armature="{20 + k}" '
+        text += f'limited="true" range="{position_range}"/>{geom}'
+        ends += "</body>"
+        for name, number in (("c", k), ("v", 10 + k), ("a", 20 + k)):
+            given[name] += [number] * (3 if kind == "ball" else 1)
+    *robots, _ = doors(f'<mujoco><compiler angle="radian"/><worldbody>{text}{ends}</body></worldbody></mujoco>')
+    for robot in robots:
+        np.testing.assert_array_equal(robot.model.friction.coulomb, given["c"])
+        np.testing.assert_array_equal(robot.model.friction.viscous, given["v"])
+        np.testing.assert_array_equal(robot.armature, given["a"])
+        for k, kind in enumerate((*order, *order), start=1):
+            if kind != "ball":
+                (v,) = range(*robot.model.leaders_by_name[f"j{k}"].places[1].indices(robot.nv))
+                assert (robot.limits.lower[v], robot.limits.upper[v]) == (-k, k + 0.5)
+
+
 def test_flexible_bodies_and_plugins_of_a_compiled_model_are_remarked():
     cloth = """<mujoco><worldbody><flexcomp name="c" type="grid" count="3 3 3" spacing=".1 .1 .1" mass="1" dim="3">
     <elasticity young="1e4" poisson=".1"/></flexcomp></worldbody></mujoco>"""

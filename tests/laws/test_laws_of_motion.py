@@ -85,6 +85,27 @@ def test_random_configurations_without_limits_fill_a_turn_and_a_metre_either_way
     assert (np.abs(q).max(axis=0) >= 0.95 * reach).all()  # missed by 0.95⁵⁰⁰, one in 10¹¹
 
 
+@pytest.mark.parametrize("limit", [-4.0, -0.5, 0.5, 4.0])
+def test_random_configurations_with_one_limit_fill_the_default_range_or_one_as_long_beside_it(limit):
+    """The side without a limit is as without any, ±π or ±1 m, unless less than π or 1 m would remain up to the limit."""
+    builder = ModelBuilder("ladder")
+    builder.add_link("0")
+    joints = [(kind, side) for kind in ("revolute", "prismatic") for side in ("lower", "upper")]
+    for k, (kind, side) in enumerate(joints):
+        builder.add_link(str(k + 1))
+        builder.add_joint(f"{kind} with {side}", kind, str(k), str(k + 1), axis=(0, 0, 1), **{side: limit})
+    robot = tw.Robot(builder.build())
+    reach = np.array([np.pi, np.pi, 1.0, 1.0])
+    is_lower = np.array([True, False, True, False])
+    lower = np.where(is_lower, limit, np.minimum(-reach, limit - reach))
+    upper = np.where(is_lower, np.maximum(reach, limit + reach), limit)
+    q = robot.random_configuration(0, 1000)
+    assert (lower <= q).all() and (q <= upper).all()
+    length = upper - lower
+    assert (q.min(axis=0) <= lower + 0.03 * length).all()  # missed by 0.97¹⁰⁰⁰, one in 10¹³
+    assert (q.max(axis=0) >= upper - 0.03 * length).all()
+
+
 # ── momentum and centre of mass ──
 
 

@@ -119,3 +119,22 @@ def test_every_body_is_in_balance(robot, state, rng):
             if robot.model.frames[frame].body == i:
                 left -= Ad(se3.inverse(robot.model.frames[frame].pose)).T @ F_by
         assert_close(left, needed, ROUNDING, f"body {i}", scale=np.abs(F).max())
+
+
+@pytest.mark.parametrize("kind", ["body", "space", "world_aligned"])
+def test_a_constraint_loads_each_joint_below_its_frame_with_its_whole_wrench(bundled, kind):
+    """The wrench of the constraint goes through every joint on its way to the base, and through none beyond its frame."""
+    arm = bundled("ur5")
+    closed = arm.constrain("wrist_1_link", "wx vz", kind=kind)
+    rng = np.random.default_rng(1)
+    q = arm.random_configuration(rng)
+    dq = closed.project_velocity(q, rng.standard_normal(6))
+    ddq = closed.project_acceleration(q, dq, rng.standard_normal(6))
+    (F,) = closed.wrenches(closed.inverse_dynamics(q, dq, ddq).lam).values()
+    T = arm.forward_kinematics(q, "wrist_1_link")
+    frame = {"body": T, "space": np.eye(4), "world_aligned": se3.pose(np.eye(3), T[:3, 3])}[kind]
+    F_s = Ad(se3.inverse(frame)).T @ F
+    through = closed.joint_wrenches(q, dq, ddq) - arm.joint_wrenches(q, dq, ddq)
+    for i, pose in enumerate(body_poses(arm, q)):
+        wanted = Ad(pose).T @ F_s if i <= arm.model.frames["wrist_1_link"].body else np.zeros(6)
+        assert_close(through[i], wanted, ROUNDING, f"across joint {i}", scale=np.abs(F_s).max())

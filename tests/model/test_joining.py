@@ -115,6 +115,22 @@ def test_random_trees_joined_have_the_blocks_of_both(seed):
     close(robot.forward_kinematics(q, frame), one.forward_kinematics(mine, frame))
 
 
+def test_remarks_on_the_files_of_both_are_kept():
+    """The bundled arm of point masses has two remarks, a moving link without mass has one, and the UR5 has none."""
+    builder = tw.ModelBuilder("pointer")
+    builder.add_link("axle")
+    builder.add_link("hand", where="line 3")
+    builder.add_joint("turn", "continuous", "axle", "hand")
+    with pytest.warns(tw.ModelWarning, match="no mass"):
+        pointer = tw.Robot(builder.build())
+    arm, quiet = tw.robots.planar_2r(), tw.robots.ur5()
+    assert len(arm.defects) == 2 and "'hand'" in " ".join(pointer.defects) and not quiet.defects
+    assert arm.attach(pointer).defects == (*arm.defects, *pointer.defects)
+    assert pointer.attach(arm).defects == (*pointer.defects, *arm.defects)
+    assert arm.attach(quiet, prefix="b_").defects == quiet.attach(arm, prefix="b_").defects == arm.defects
+    assert arm.attach(pointer).chain(tip="hand").defects == (*arm.defects, *pointer.defects)
+
+
 def test_names_of_both_need_a_prefix():
     arm = tw.robots.planar_2r()
     with pytest.raises(tw.ModelError, match=r"link called 'base'.* prefix='hand_'"):

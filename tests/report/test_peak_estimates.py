@@ -16,7 +16,7 @@ from robot_files import FILES
 
 from twistwrench import load, robots
 from twistwrench.core.errors import ModelWarning
-from twistwrench.core.estimation.noise import sample_errors, survey
+from twistwrench.core.estimation.noise import SampleErrors, sample_errors, survey
 from twistwrench.motion.smoothing import best_strength
 from twistwrench.reports.statistics import Runs, excess_of_largest
 from twistwrench.reports.torque_verdict import confidence
@@ -189,6 +189,29 @@ def test_noise_and_late_stamps_are_told_apart(errors):
     # A variance of 6000 differences of which some seven in a row are alike is known to about 5 %.
     np.testing.assert_allclose(found.stamp, given["stamp"], rtol=0.15, atol=5e-5)
     np.testing.assert_allclose(found.white, given["white"], rtol=0.15, atol=8e-5 if given["grid"] else 2e-5)
+
+
+@pytest.mark.parametrize("errors", ERRORS)
+def test_drawn_logs_err_by_what_noise_grid_and_stamps_make_of_their_curve(errors):
+    """As widely as is said of their speeds, and about the curve: a log's mean error is far below its grid."""
+    sizes = {"white": 0.0, "grid": 0.0, "stamp": 0.0} | ERRORS[errors]
+    factors = np.array([1.0, 3.0])
+    white, grid, stamp = sizes["white"] * factors, sizes["grid"] * factors, np.full(2, sizes["stamp"])
+    t = np.linspace(0.0, 10.0, 4000)
+    curve, speed = 0.5 * np.sin(np.outer(t, [1.0, 2.0])), np.array([0.5, 1.0]) * np.cos(np.outer(t, [1.0, 2.0]))
+    model = SampleErrors(white, grid, stamp)
+    drawn = model.drawn(np.random.default_rng(4), curve, speed, 12)
+    error = drawn - curve[:, :, None]
+    expected = np.sqrt((model.deviation(speed) ** 2).mean(axis=0))
+    np.testing.assert_allclose(np.sqrt((error**2).mean(axis=(0, 2))), expected, rtol=0.05)
+    assert (np.abs(error.mean(axis=0)) < 0.1 * expected[:, None]).all()  # six deviations of a mean of 4000
+    if grid.any():
+        steps = (drawn - drawn[0]) / grid[:, None]
+        np.testing.assert_allclose(steps, np.round(steps), rtol=0, atol=1e-6)
+        lines = drawn[0] / grid[:, None] % 1.0  # where the grid lies, another place in each log
+        assert len(np.unique(lines.round(6))) == lines.size
+    if not grid.any() and not white.any():  # a row has one stamp
+        np.testing.assert_allclose(error[:, 0] * speed[:, 1, None], error[:, 1] * speed[:, 0, None], rtol=0, atol=1e-12)
 
 
 def test_the_largest_of_equal_values_with_noise_is_too_large_by_what_chance_makes_it():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 import warnings
 from types import SimpleNamespace
 
@@ -18,6 +19,7 @@ from standing_robots import LEGS, dog
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
+from twistwrench.reports.support.noise import SupportNoise
 from twistwrench.reports.support.view import contact_tables
 from twistwrench.viz.page_layer import contact_layer
 
@@ -403,6 +405,28 @@ def test_within_the_noise_a_robot_that_would_slip_is_unsure(acceleration, tmp_pa
     answer = tw.check(robot, file, feet="auto", contact_friction=0.3)
     assert answer.verdict.word == "UNSURE", answer.headline
     assert "noise of the log" in str(answer.verdict)
+
+
+@pytest.mark.parametrize("margin", [1.05, 2.5])
+@pytest.mark.parametrize("spread", [0.0022, 0.012, 0.07])
+def test_the_interval_of_a_margin_in_speed_is_half_that_of_the_power(spread, margin):
+    """Inertial forces grow with the square of the speed: a power 1 ± 1.96 spread is that of the speed √(1 ± 1.96 spread)."""
+    noise = SupportNoise(np.zeros(1, bool), spread, margin, 0.1, "slips")
+    slow, fast = margin * np.sqrt(1.0 + 1.96 * spread * np.array([-1.0, 1.0]))
+    beside_the_margin = re.fullmatch(r" \(± (\S+) by noise\)", noise.interval_words(margin))
+    in_a_sentence = re.search(r"up to (\S+) ± (\S+) × this speed", noise.words)
+    for stated in (beside_the_margin[1], in_a_sentence[2]):
+        assert float(stated) == pytest.approx(0.5 * (fast - slow), rel=0.06)  # two digits
+    assert float(in_a_sentence[1]) == pytest.approx(margin, rel=0.01)
+
+
+def test_the_interval_of_a_margin_is_left_out_below_one_in_500_and_without_a_margin():
+    def words(spread, margin):
+        return SupportNoise(np.zeros(1, bool), spread, margin, 0.1, "slips").interval_words(margin)
+
+    half_width = 0.002 / (0.5 * 1.96)  # in standard deviations of the power
+    assert words(1.01 * half_width, 2.5) == " (± 0.0051 by noise)"
+    assert words(0.99 * half_width, 2.5) == words(0.0, 2.5) == words(0.07, np.inf) == ""
 
 
 # ── At rest ──

@@ -100,6 +100,25 @@ def test_a_payload_causes_what_the_robot_needs_with_it_and_not_without():
         )
 
 
+def test_payloads_at_one_frame_are_one_cause_and_those_at_others_are_causes_of_their_own():
+    """Each frame's payloads cause what the robot needs with them and not without, and the links what they need without any."""
+    robot = tw.robots.ur5()
+    box, ball = tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=3.0), tw.SpatialInertia.from_com(0.5, (0.1, 0.0, -0.2))
+    state = random_state(robot, np.random.default_rng(7))
+    bare = robot.explain(*state)
+    wanted = {cause: bare.contribution(cause) for cause in bare.causes}
+    carrying = robot
+    for frame, payload in (("tool0", box), ("forearm_link", ball), ("tool0", ball), ("tool0", ball)):
+        before = carrying.inverse_dynamics(*state)
+        carrying = carrying.with_payload(payload, frame)
+        cause = f"payload at {frame}"
+        wanted[cause] = wanted.get(cause, np.zeros(6)) + carrying.inverse_dynamics(*state) - before
+    why = carrying.explain(*state)
+    assert set(why.causes) == set(wanted)
+    for cause, torque in wanted.items():
+        np.testing.assert_allclose(why.contribution(cause), torque, rtol=0, atol=1e-10 * np.abs(why.torque).max())
+
+
 def test_rotors_cause_what_they_add_whether_or_not_the_links_were_weighed_with_them():
     robot = tw.robots.ur5()
     state = random_state(robot, np.random.default_rng(6))

@@ -327,6 +327,25 @@ def test_friction_that_is_given_with_a_rollout_alone_acts():
     np.testing.assert_allclose(found.dq[:, -1, 0], [2.0, 1.25], atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("kind", "speed", "torque", "wanted"),
+    [
+        ("viscous", 2.0, 0.0, 2.0 * np.exp(-0.25)),
+        ("coulomb", 2.0, 0.0, 2.0 - 0.5 * 0.5),
+        ("static", 0.0, 0.4, 0.0),  # below the friction, which holds it
+        ("load", 2.0, 2.0, 2.0 + 0.5 * 2.0 / 1.5),  # of 2 N m, a third is lost
+        ("load", 2.0, -1.0, 2.0 - 0.5 * 1.0 / 0.5),  # what brakes is helped
+    ],
+)
+def test_each_kind_of_friction_acts_if_only_the_parameters_of_a_rollout_give_it(kind, speed, torque, wanted):
+    """Half a second of 1 kg m² whose file has no friction: without it, the speed gains half the torque."""
+    wheel = tw.robots.pendulum().with_gravity([0, 0, 0])
+    parameters = {f"hinge.{kind}": np.array([0.0, 0.5])}
+    found = wheel.rollout([0.0], [speed], [torque], dt=1e-3, steps=500, friction=True, parameters=parameters)
+    np.testing.assert_allclose(found.dq[:, -1, 0], [speed + 0.5 * torque, wanted], atol=2e-4)
+    assert found.remarks == ()
+
+
 @pytest.mark.parametrize("name", mostly_slow(("arm", "planar", "floating"), 3))
 @pytest.mark.parametrize("method", ("semi_implicit", "rk4"))
 def test_every_processor_takes_the_same_steps(name, method, monkeypatch):

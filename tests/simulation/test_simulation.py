@@ -113,6 +113,39 @@ def test_dry_friction_stops_a_wheel_when_it_should_and_holds_it(method):
     assert held.dq[-1, 0] == pytest.approx(creep * np.arctanh(0.8), rel=1e-2)
 
 
+def test_all_dry_friction_is_eased_alike_also_the_part_of_the_load():
+    """1 kg m²: of τ, x passes on, with x + 0.2 u + s (0.5 + 0.3 exp(-(u/v)²) + 0.3 |x|) = τ at u > 0, where s = tanh(u / creep).
+
+    So an acceleration changes by little where a slow motion turns back, as the fraction s is small on either side.
+    """
+    law = {
+        "viscous": "0.2 N m s/rad",
+        "coulomb": "0.5 N m",
+        "static": "0.8 N m",
+        "stribeck": "0.1 rad/s",
+        "load": "0.3",
+    }
+    wheel = tw.robots.pendulum().with_gravity([0, 0, 0])
+    wheel = wheel.with_actuators({"actuators": {"hinge": {"friction": law}}})
+    dt, creep = 1e-3, 0.05
+
+    def acceleration(u, tau):
+        return (
+            wheel.simulate([0.0], [u], dt, dt, tau=tau, friction=True, creep=creep, method="euler").dq[-1, 0] - u
+        ) / dt
+
+    for u in (1e-6, 0.05, 1.0):
+        share = np.tanh(u / creep)
+        against = 0.2 * u + share * (0.5 + 0.3 * np.exp(-((u / 0.1) ** 2)))
+        forward, backward = (2.0 - against) / (1.0 + 0.3 * share), (-2.0 - against) / (1.0 - 0.3 * share)
+        for sign in (1.0, -1.0):
+            for tau, wanted in ((2.0, forward), (-2.0, backward)):
+                given = [sign * tau]
+                for torque in (given, lambda _t, _q, _dq, given=given: given):
+                    assert acceleration(sign * u, torque) == pytest.approx(sign * wanted, rel=1e-9), (u, sign, tau)
+    assert acceleration(1e-6, [2.0]) == pytest.approx(acceleration(-1e-6, [2.0]), rel=1e-4)
+
+
 def test_a_constant_wrench_accelerates_and_its_sign_is_on_the_robot():
     """6 kg, 3 N along x of the body, which does not turn: x = t²/4; and all of its work is kinetic energy."""
     box = tw.robots.floating_box().with_gravity([0, 0, 0])

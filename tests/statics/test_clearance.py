@@ -183,6 +183,22 @@ def test_the_first_contact_of_a_motion_is_found(tmp_path, coal):
     assert found.lines == [f"Closest links: a – c, in contact from t = {found.time:.3f} s (exact, every 10 ms)."]
 
 
+@pytest.mark.parametrize("step", [0.001, 0.003, 0.03])
+def test_the_first_and_the_last_row_of_every_portion_are_evaluated(tmp_path, coal, step):
+    """c is nearest to a in the row between its way there and its way back, however many rows lie between those evaluated."""
+    robot = tw.load(slider(tmp_path, SPHERE, SPHERE, SPHERE))
+    for count in (1, 2, 10, 11, 12):
+        t = step * np.arange(count)
+        way_there = np.column_stack([np.linspace(0.9, 0.5, count), np.zeros(count)])
+        smallest = way_there[-1, 0] - 0.2  # less the radii
+        found = PathClearance.along(robot, [(t, way_there), (t[-1] + step + t, way_there + 0.1)], 0.0)
+        assert (found.distance, found.time) == pytest.approx((smallest, t[-1]), abs=1e-9)
+        way_back = way_there[::-1]
+        found = PathClearance.along(robot, [(t, way_there + 0.1), (t[-1] + step + t, way_back)], 0.0)
+        assert (found.distance, found.time) == pytest.approx((smallest, t[-1] + step), abs=1e-9)
+        assert found.step <= max(0.01, step) + 1e-9
+
+
 @pytest.mark.parametrize(("asked", "word"), [(0.0, "OK"), (0.29, "OK"), (0.31, "OVER LIMIT")])
 def test_a_distance_that_is_not_kept_is_over_the_limit(tmp_path, coal, asked, word):
     found = through(tw.load(slider(tmp_path, SPHERE, SPHERE, SPHERE)), [1.0, 0.0], [0.5, 0.0], asked)

@@ -34,7 +34,7 @@ class SupportNoise:
     certain: Array
     """(n,) of bool: True at instants that fail by more than noise explains."""
     spread: float
-    """Relative standard deviation of the margin in speed at the instant that sets it; 0 without a margin."""
+    """Relative standard deviation of the power of inertial forces at the instant that sets the margin; 0 without a margin."""
     speed: float
     """Margin in speed; inf without one."""
     time: float
@@ -97,7 +97,7 @@ def _power_deviation(found: GroundSupport, derivation: Differentiation, states: 
 
 
 def _margin(found: GroundSupport, derivation: Differentiation) -> tuple[float, float, float, str]:
-    """Relative deviation of the margin in speed, margin, instant that sets it [s], and failure beyond it.
+    """Relative deviation of the power of inertial forces, margin in speed, instant that sets it [s], and failure beyond it.
 
     Without a margin, it is inf; the failure is empty if it is not known.
     """
