@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -71,6 +72,28 @@ def test_columns_of_a_low_pass_are_low_passed_columns(monkeypatch):
     (piece,) = s.pieces
     expected = lagged(every[piece], s.lag * float(s.rate[0]))[s.rows]
     assert_allclose(s.columns, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.08])
+def test_columns_of_states_with_another_field_are_those_that_are_computed_anew(lag):
+    """Whatever was computed before and is kept; each of these fields changes some of the columns."""
+    s = _states_of_a_log().states.with_fields(lag=lag)
+    names = ("bodies", "drives", "columns")
+    known = {name: getattr(s, name) for name in names}
+    n = len(s.time)
+    (piece,) = s.pieces
+    for field, value in {
+        "q": s.q + 0.1, "dq": -0.9 * s.dq, "ddq": s.ddq + 0.1, "gravity": 1.1 * s.gravity, "weightless": (1,),
+        "rows": s.rows[::2], "friction_speed": 2.0 * s.friction_speed, "lag": lag + 0.1,
+        "pieces": [slice(piece.start, n // 2), slice(n // 2, n)],
+    }.items():  # fmt: skip
+        kept, anew = s.with_fields(**{field: value}), replace(s, **{field: value})
+        changed = [name for name in names if not np.array_equal(getattr(anew, name), known[name])]
+        assert changed, field
+        for name in names:
+            assert_array_equal(getattr(kept, name), getattr(anew, name), err_msg=f"{name} of another {field}")
+    without = s.with_fields(lag=0.0, weightless=(0, 1)).bodies
+    assert_array_equal(without, s.with_fields(lag=0.0, gravity=0.0 * s.gravity).bodies)
 
 
 def test_fits_of_distant_starts_do_not_outlive_their_screening(monkeypatch):

@@ -87,6 +87,25 @@ def test_rows_of_a_window_are_those_of_the_whole_log(log):
         assert_array_equal(getattr(piece, name), getattr(whole, name)[first : first + len(piece)])
 
 
+@pytest.mark.parametrize("counts", [(4,), (6, 4, 9), (8, 8)])
+def test_rows_that_were_held_are_left_out_and_the_row_that_they_repeat_is_kept(counts):
+    """Only the first of equal rows was measured then; the first row after them is in time again."""
+    t = np.arange(1200) * 0.01 + 40.0
+    s = t - 46.0
+    q = np.column_stack([0.25 * s + 0.02 * np.sin(2.0 * s), 0.02 * np.cos(2.5 * s) - 0.3 * s])
+    is_held = np.zeros(len(t), bool)
+    for number, count in enumerate(counts):
+        first = 250 + 300 * number
+        q[first : first + count] = q[first - 1]
+        is_held[first : first + count] = True
+    tau = 3.0 + np.sin(np.outer(t, [0.7, 1.1]))
+    source = LogSource(ARM, "log", motion=tw.Motion(t, q, tau=tau, robot=ARM))
+    rows = rows_of_window(source, slice(0, len(t)), checks_of(source))
+    assert rows.count == len(t)
+    for used, logged in ((rows.time, t), (rows.q, q), (rows.tau, tau)):
+        assert_allclose(used, logged[~is_held], rtol=0, atol=1e-12)
+
+
 def test_a_file_gives_what_its_motion_gives(log, tmp_path):
     path = recorded(tmp_path / "log.npy", log[:8000])
     of_file, of_motion = identify(ARM, path, **FIXED), identify(ARM, tw.Motion.from_file(path, ARM), **FIXED)

@@ -15,6 +15,7 @@ from standing_robots import WHEELS, cart_text, turning
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
+from twistwrench.reports.support.fingers import finger_drives
 from twistwrench.statics.support import force_shares
 
 pytest_plugins = ("numpy_fixtures",)
@@ -407,6 +408,27 @@ def test_turning_fingers_are_remarked_and_fingers_that_a_wrench_loads_are_judged
     push = {name: [0, 0, 0, 0, 5.0, 0] for name in ("left", "right")}
     assert "not judged" not in str(tw.check(robot, motion, wrench_on_robot=push, **asked))
     assert "not judged" not in str(tw.check("ur5", around_the_peak(), payload=5, grip="200,0.5"))
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "revolute"])
+@pytest.mark.parametrize("frame", ["palm", "left", "right"])
+def test_a_finger_that_follows_has_the_limit_of_its_own_drive(tmp_path, kind, frame):
+    """The limit of its leader may be lower, higher or none; limits given for the leader leave it, and a push takes it out."""
+    left = FINGER.format(name="left", kind=kind, side=1)
+    right = FINGER.format(name="right", kind=kind, side=-1).replace('effort="100"', 'effort="40"')
+    right = right.replace("</joint>", '<mimic joint="left_drive" multiplier="-1"/></joint>')
+    wrist = '<link name="arm"/><joint name="wrist" type="continuous"><parent link="arm"/><child link="palm"/></joint>'
+    (tmp_path / "gripper.urdf").write_text(GRIPPER.format(fingers=left + right + wrist))
+    model = tw.load(tmp_path / "gripper.urdf").model
+    for given, expected in ((100.0, (100.0, 40.0)), (25.0, (25.0, 40.0)), (np.inf, (40.0,))):
+        drives = finger_drives(model, frame, np.array([7.0, given]), ())
+        assert drives.joints == ("left_drive", "right_drive")[-len(expected) :]
+        assert drives.efforts == expected
+        assert drives.turning == (kind == "revolute",) * len(expected)
+        for force in (24.9, 25.1, 39.9, 40.1, 99.9, 100.1):
+            assert drives.are_weaker(force) == (kind == "prismatic" and force > min(expected))
+    assert finger_drives(model, frame, np.array([7.0, 100.0]), ["left"]).efforts == (40.0,)
+    assert finger_drives(model, frame, np.array([7.0, 100.0]), ["right"]).efforts == (100.0,)
 
 
 def bearing_table(tmp_path, text):

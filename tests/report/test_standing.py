@@ -335,6 +335,29 @@ def test_a_robot_in_the_air_needs_nothing_from_the_ground_and_one_that_hovers_is
     assert "slides at 0.3 m/s" in hovers.headline  # the lowest height of the log is taken for the floor
 
 
+@pytest.mark.parametrize(
+    ("phases", "turn"), [("stand, fly, slide", 0.1), ("slide, fly, stand", -0.1), ("fly, slide, stand", -0.1)]
+)
+def test_the_foot_that_slides_is_the_fastest_on_the_floor_with_its_own_speed_and_time(phases, turn):
+    """Stiff and upright it moves along x and turns, fastest in flight; ω×r adds to the speed of feet on one side."""
+    robot, still = dog(rows=21)
+    speeds = {"stand": np.zeros(7), "fly": np.full(7, 2.0), "slide": np.array([0.2, 0.25, 0.3, 0.4, 0.3, 0.25, 0.2])}
+    order = phases.split(", ")
+    q, dq = np.tile(still.q[0], (21, 1)), np.zeros((21, 18))
+    q[:, 6] += np.concatenate([np.full(7, 0.3 * (phase == "fly")) for phase in order])
+    dq[:, 3] = np.concatenate([speeds[phase] for phase in order])
+    dq[:, 2] = turn * dq[:, 3]
+    row = 7 * order.index("slide") + 3
+    motion = tw.Motion(0.02 * np.arange(21) + 5.0, q, dq, 0 * dq, robot=robot, in_seconds=True)
+    foot, speed, time = tw.check(robot, motion, feet="auto", contact_friction=0.6).support.sliding
+    base = robot.forward_kinematics(q[row], "trunk")
+    places = {f"{leg}_foot": robot.forward_kinematics(q[row], f"{leg}_foot")[:2, 3] - base[:2, 3] for leg in LEGS}
+    by_foot = {name: 0.4 * np.hypot(1.0 - turn * y, turn * x) for name, (x, y) in places.items()}
+    assert foot == max(by_foot, key=by_foot.get)
+    assert speed == pytest.approx(by_foot[foot], rel=1e-6)
+    assert time == pytest.approx(5.0 + 0.02 * row, rel=1e-12)
+
+
 def test_a_robot_on_points_is_no_equilibrium_and_is_printed_so():
     robot, motion = dog()
     answer = tw.check(robot, motion, feet=["FL_foot", "RR_foot"], contact_friction=0.6)

@@ -16,7 +16,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import twistwrench as tw
+from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.robot.inverse_kinematics import search, solve
+
+pytest_plugins = ("small_trees",)
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -595,6 +598,31 @@ def test_branches_of_a_pose_out_of_reach_and_of_a_redundant_arm(bundled):
     for options in ({"starts": 0}, {"starts": 2.0}, {"T": np.stack([np.eye(4)] * 2)}, {"frame": "hand"}):
         with pytest.raises(tw.TwistWrenchError):
             bundled("ur5").inverse_kinematics_branches(**{"T": np.eye(4), **options})
+
+
+@pytest.mark.usefixtures("each_on_numpy")
+@pytest.mark.parametrize(
+    ("kind", "ratio"), [("revolute", 0.0), ("revolute", 0.3), ("revolute", -1.7), ("helical", 0.0)]
+)
+def test_only_a_joint_that_is_where_it_was_after_a_full_turn_is_given_without_turns(kind, ratio):
+    """A follower is then on the way between two of its places, and a screw a thread further: the angle itself is found."""
+    builder = ModelBuilder("shaft")
+    for link in ("base", "wheel", "hand"):
+        builder.add_link(link, tw.SpatialInertia.from_com(1.0, (0.4, 0.0, 0.0), np.eye(3)))
+    reach = tw.se3.exp([0.0, 0.0, 0.0, 0.5, 0.0, 0.0])
+    pitch = 0.1 if kind == "helical" else 0.0
+    builder.add_joint("lead", kind, "base", "wheel", axis=(0, 0, 1), pitch=pitch, lower=-20.0, upper=20.0)
+    follow = {"mimic": ("lead", ratio, 0.2)} if ratio else {}
+    kind_of_hand = "revolute" if ratio else "fixed"
+    builder.add_joint("hand", kind_of_hand, "wheel", "hand", placement=reach, axis=(0, 0, 1), **follow)
+    robot = tw.Robot(builder.build())
+    repeats = kind == "revolute" and not ratio
+    for q in (-9.0, 0.3, 3.0, 3.3):
+        T = robot.forward_kinematics([q], "hand")
+        found = robot.inverse_kinematics_branches(T, "hand", starts=12, rng=1)
+        wanted = np.arctan2(np.sin(q), np.cos(q)) if repeats else q
+        assert_allclose(robot.forward_kinematics(found.q, "hand"), T[None].repeat(len(found.q), axis=0), atol=1e-9)
+        assert_allclose(found.q, [[wanted]], atol=1e-9)
 
 
 @pytest.mark.parametrize("starts", [np.int64(3), np.uint8(3)])

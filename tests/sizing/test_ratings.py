@@ -125,6 +125,35 @@ def test_a_planetary_gear_is_asked_for_its_life():
         assert unknown.verdict.word == "UNSURE" and "life beyond the rated torque and speed" in str(unknown.verdict)
 
 
+def test_the_exponent_of_a_planetary_gear_is_asked_for_if_some_exponent_would_exceed_the_mean_torque():
+    """A mean torque is below the peak whatever its exponent is, and comes as near to it as one likes."""
+    arm, motion, _ = CASES[1]
+    whole = with_drives(hinge=("M115", "P60"))
+
+    def sized(**changed):
+        whole["gears"]["P60"].update(changed)
+        found = tw.size_drives(arm, motion, whole, add_masses=False)
+        return found.joints["hinge"].gear, found.verdict.word
+
+    gear, word = sized()
+    mean, peak = gear.average_torque, gear.peak_torque
+    assert 0 < 1.05 * mean < peak < 60 and word == "OK"
+    middle = 0.5 * (mean + peak)
+    for kind, stated, limit, is_asked_for, expected in (
+        ("planetary", True, middle, False, "OK"),
+        ("planetary", False, 0.99 * mean, True, "OVER LIMIT"),
+        ("planetary", False, middle, True, "UNSURE"),
+        ("planetary", False, 0.99 * peak, True, "UNSURE"),
+        ("planetary", False, 1.01 * peak, False, "OK"),
+        ("strain_wave", False, middle, False, "OK"),
+    ):
+        if not stated:
+            whole["gears"]["P60"].pop("mean_exponent", None)
+        gear, word = sized(kind=kind, average_torque=f"{limit} N m")
+        assert gear.missing == ("mean_exponent",) * is_asked_for
+        assert word == expected
+
+
 def test_a_continuous_current_is_no_answer_in_hot_air():
     whole = without(with_drives(wrist_1_joint=("M40", "G14")), "motors", "M40", "thermal")
     whole["motors"]["M40"]["current_continuous"] = "3 A"

@@ -20,6 +20,8 @@ from twistwrench.symbolic.derivation_check import Evaluator
 from twistwrench.symbolic.parameters import Namer
 from twistwrench.testing import assert_close, random_robot
 
+pytest_plugins = ("small_trees",)
+
 # Of the largest torque: both sides round some hundred sums of terms of order one.
 CLOSE = 1e-12
 
@@ -168,6 +170,26 @@ def test_every_mix_of_symbols_and_numbers_agrees(form, symbols):
     assert names <= {"none": set(), "lengths,m_2": {"L_1", "L_2", "m_2"}}.get(symbols, names)
     if symbols == "lengths,m_2":
         assert names == {"L_1", "L_2", "m_2"}
+
+
+@pytest.mark.usefixtures("each_on_numpy")
+@pytest.mark.parametrize("where", ["end", "middle"])
+def test_a_length_that_is_a_centre_of_mass_too_is_asked_for_as_either(where):
+    """Masses at the ends of links are at the next joint or at the tip: one number, one symbol, of both kinds."""
+    robot = tw.robots.planar_2r()
+    lengths = coms = {"L_1", "L_2"}
+    inertias = set()
+    if where == "middle":
+        for link in ("link1", "link2"):  # as much mass again at its joint
+            robot = robot.with_payload(tw.SpatialInertia.from_com(1.0), link)
+        lengths, coms, inertias = {"L_1"}, {"r_1", "r_2"}, {"I_1zz", "I_2zz"}  # the tip moves nothing
+    named = {"lengths": lengths, "coms": coms, "inertias": inertias, "masses": {"m_1", "m_2"}, "gravity": {"g"}}
+    for kinds in ({"lengths"}, {"coms"}, {"masses", "inertias", "gravity"}):
+        equations = derive(robot, symbols=sorted(kinds))
+        wanted = set().union(*(named[kind] for kind in kinds))
+        moving = {symbol.name for symbol in (*equations.q, *equations.dq, *equations.ddq)}
+        assert {parameter.name for parameter in equations.parameters} == wanted
+        assert {symbol.name for symbol in sympy.Matrix(equations.tau).free_symbols} - moving == wanted
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import twistwrench as tw
 from twistwrench.core.errors import ShapeError, UnknownNameError, ValueRangeError
 from twistwrench.symbolic import derive, lagrange
 
-m, M, R, l, g, k, Omega = sympy.symbols("m M R l g k Omega")
+m, M, R, l, g, k, Omega, t = sympy.symbols("m M R l g k Omega t")
 x, xdot, xddot = sympy.symbols("x xdot xddot")
 y, ydot, yddot = sympy.symbols("y ydot yddot")
 r, rdot, rddot = sympy.symbols("r rdot rddot")
@@ -85,6 +85,27 @@ def test_forces_linear_in_the_rates_stay():
     assert all(entry == 0 for entry in charge.coriolis_forces)
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
+def test_equations_split_into_M_c_and_g_only_if_those_of_every_coordinate_do(order):
+    """At x, y and z in turn: a momentum A t, a growing mass and a field are outside M, c and g; time in a force at rest is in g."""
+    z, zdot = sympy.symbols("z zdot")
+    chosen, rates = (tuple(of[k] for k in order) for of in ((x, y, z), (xdot, ydot, zdot)))
+    plain = m / 2 * (xdot**2 + ydot**2 + zdot**2)
+    for extra, splits in {
+        R * t * rates[0]: False,
+        (1 + t**2) * rates[0] ** 2: False,
+        sympy.exp(chosen[0]) * rates[1]: False,
+        sympy.exp(chosen[0]) * rates[0]: True,  # d/dt of a function of coordinates
+        R * t * chosen[0]: True,
+        sympy.exp(chosen[0]) * rates[1] ** 2: True,
+    }.items():
+        free = lagrange(plain + extra, [x, y, z], time=t)
+        rest = sympy.Matrix(free.tau) - free.mass_matrix * sympy.Matrix(free.ddq)
+        rest -= sympy.Matrix(free.coriolis_forces) + sympy.Matrix(free.gravity_forces)
+        assert (rest.expand() == sympy.zeros(3, 1)) == splits == free.split
+        assert ("h has terms besides c and g" in free.c_source()) == (not splits)
+
+
 def test_rates_of_other_names_and_any_function():
     w = sympy.Symbol("w")
     spring = lagrange(m / 2 * sympy.exp(2 * x) * w**2 - k * sympy.sqrt(1 + x**2), x, rates=[w])
@@ -118,7 +139,7 @@ def test_what_is_no_lagrangian_is_refused():
 
 # ── explicit time ──
 
-t, A, w = sympy.symbols("t A w")
+A, w = sympy.symbols("A w")
 driven = m / 2 * (xdot + A * w * cos(w * t)) ** 2 - k * x**2 / 2
 
 
