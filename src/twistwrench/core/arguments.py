@@ -525,8 +525,8 @@ def hint_if_misused(hint: str) -> Callable[[Callable[Arguments, Result]], Callab
             try:
                 return function(*positional, **named)
             except TypeError as error:
-                trace = error.__traceback__
-                if trace is not None and trace.tb_next is None:  # raised by the call, not in the function
+                # No name for the traceback: its reference to this frame would keep the arguments until the next collection.
+                if error.__traceback__ is not None and error.__traceback__.tb_next is None:  # raised by the call itself
                     raise TypeError(hint) from None
                 raise
 

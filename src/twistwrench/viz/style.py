@@ -46,19 +46,22 @@ PAPER = "#ffffff"
 """Colour of the paper, and of rims that separate marks."""
 FLOOR = "#d9dde2"
 """Colour of the floor's grid."""
+
+# Colours of Okabe and Ito for colour-blind readers; sky and orange are for areas only.
 BLUE = "#0072B2"
 SKY = "#56B4E9"
 GREEN = "#009E73"
 ORANGE = "#E69F00"
 VERMILION = "#D55E00"
 GREY = "#8C8C8C"
-"""Colours of Okabe and Ito for colour-blind readers; sky and orange are for areas only."""
+
+# Colours of curves with a contrast of 3 : 1 on white and on dark backgrounds.
 AMBER = "#C98500"
 PURPLE = "#C76FA0"
 AZURE = "#3B9AD9"
 OLIVE = "#8A8B1E"
 VIOLET = "#7A63D0"
-"""Colours of curves with a contrast of 3 : 1 on white and on dark backgrounds."""
+
 SERIES = (BLUE, AMBER, GREEN, VERMILION, PURPLE, AZURE, OLIVE, VIOLET)
 """Colours of joints in order, in every plot and in the viewer; further joints repeat them with other dashes."""
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (5, 1.2, 1.2, 1.2)))

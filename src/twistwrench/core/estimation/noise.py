@@ -100,7 +100,7 @@ def quantum(parts: Sequence[Array]) -> float:
     grid = max(_common_step(increments), _decimal_grid(values, largest_value))
     kink_count = 0
     for part in parts:
-        is_kink = np.abs(np.diff(part, 3)) > 0.5 * grid  # on a grid it is 0 or a whole grid step
+        is_kink = np.abs(np.diff(part, 3)) > 0.5 * grid  # on a grid it is a whole number of grid steps
         kink_count += int(is_kink.sum())
     if kink_count >= _MIN_KINKS:
         return grid

@@ -177,7 +177,7 @@ def _held_row_count(step: int, steps: Array) -> int:
     held_count = 0
     while held_count < step and np.abs(steps[step - held_count - 1]).max() <= _MAX_STEP_AT_REST:
         held_count += 1
-    first = step - held_count  # first step at rest
+    first = step - held_count  # of the steps at rest before, or the step itself
     neighbour_indices = (first - 2, first - 1, step + 1, step + 2)
     neighbours = [steps[k] for k in neighbour_indices if 0 <= k < len(steps)]
     expected = (held_count + 1) * np.mean(neighbours, axis=0)  # motion of the step itself and of the held rows

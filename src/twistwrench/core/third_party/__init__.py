@@ -251,7 +251,7 @@ class ForeignOutput:
     """Output written during the block of :func:`capture_stderr`."""
 
     text = ""
-    """Whole output, available after the block."""
+    """Output, at most its beginning of 64 KiB; available after the block."""
 
     def __str__(self) -> str:
         one_line = " ".join(self.text.split())
