@@ -20,7 +20,7 @@ import twistwrench as tw
 from twistwrench.calibration import instrument
 from twistwrench.calibration.chain import TipChain
 from twistwrench.calibration.fit import CalibrationProblem
-from twistwrench.calibration.groups import ParameterGroup, ParameterGroups, fitted_in_groups
+from twistwrench.calibration.groups import ParameterGroup, ParameterGroups, Remaining, fitted_in_groups
 from twistwrench.calibration.measurements import rotations_from_roll
 from twistwrench.calibration.readings_otherwise import _alternatives
 from twistwrench.calibration.result import CalibratedRobot
@@ -241,6 +241,26 @@ def test_poses_near_one_another_do_not_make_a_file_right(kind, doubt, seed):
     found = tw.calibration.calibrate(world.robot, world.readings(kind, q))
     assert found.verdict.word == "UNSURE" and not found.needs_nothing
     assert found.doubts[0].kind == f"calibration-{doubt}" and found.remaining_before > 2e-3
+
+
+@pytest.mark.parametrize(
+    ("rms", "by_noise", "by_file", "noise", "unseen"),
+    [
+        (1e-3, 0.33e-3, 0.02, 1e-3, True),  # 3 times its part by noise, so other poses would show more
+        (1e-3, 0.34e-3, 0.02, 1e-3, False),
+        (1e-3, 1e-3, 9e-3, 0.4e-3, True),  # above a tenth of the file's error, and twice the noise of a reading
+        (1e-3, 1e-3, 9e-3, 0.6e-3, False),  # noisy readings of an accurate file
+        (1e-3, 1e-3, 11e-3, 0.4e-3, False),  # a poor file, of which a tenth is left
+        (1.1e-6, 0.0, 1e-3, 1e-3, True),
+        (0.9e-6, 0.0, 1e-3, 1e-3, False),  # below a micrometre nothing is left to see
+    ],
+)
+def test_an_error_is_unseen_beside_its_noise_or_beside_both_the_file_and_a_reading(
+    rms, by_noise, by_file, noise, unseen
+):
+    remaining = Remaining(SimpleNamespace(noise=noise), np.zeros((1, 6)), (1e-3, 1e-3))
+    vars(remaining).update(rms=rms, by_noise=by_noise, by_file=by_file)  # what the fit would give
+    assert remaining.is_unseen == unseen
 
 
 def test_distances_are_not_called_places_of_the_tip():
