@@ -359,9 +359,9 @@ def test_without_a_compiler_torques_are_those_at_the_states_that_are_kept(monkey
 
 
 @pytest.mark.parametrize("every", [1, 3])
-@pytest.mark.parametrize(("method", "kd"), [("semi_implicit", 0.0), ("rk4", 0.5)])  # the former damps the speed it reaches
+@pytest.mark.parametrize(("method", "kd"), [("semi_implicit", 0.0), ("rk4", 0.5)])
 def test_without_a_compiler_torques_of_every_method_are_those_where_its_steps_begin(method, kd, every, monkeypatch):
-    """Of several stages as of one: a PD law without gravity is a formula of the states that are kept."""
+    """Of several stages as of one: a formula of the states that are kept. (Semi-implicit steps damp the speed they reach.)"""
     monkeypatch.setenv("TWISTWRENCH_JIT", "0")
     robot, q_des = tw.robots.planar_2r(), np.array([0.3, -0.2])
     q0, dq0 = some_states(robot, 3)
