@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.doubts import doubt_table
-from twistwrench.core.verdict import Reason, Verdict
+from twistwrench.core.verdict import Reason, Verdict, Word
 
 
 def without_efforts(tmp_path):
@@ -68,6 +68,27 @@ def test_a_reason_survives_pickling_and_joining():
     again = pickle.loads(pickle.dumps(one))
     assert again == one and again.remedies == ("do b",) and str(again) == "UNSURE: a; do b; c"
     assert one.joined(Verdict.from_reasons(unsure=[Reason("d; do b", "do b")])).remedies == ("do b",)
+
+
+SEVEREST_FIRST = ("LOOK AGAIN", "COLLISION", "OVER LIMIT", "UNSURE", "OK", "DONE")
+
+
+@pytest.mark.parametrize("severe", range(6))
+@pytest.mark.parametrize("mild", range(6))
+def test_the_more_severe_of_two_verdicts_is_that_on_both_whichever_comes_first(severe, mild):
+    """As of the reasons of one verdict: false numbers, links that touch, limits, doubts; what was judged before what was not."""
+    one, other = (
+        Verdict(Word(SEVEREST_FIRST[rank]), (name,) if rank < 4 else ()) for rank, name in ((severe, "a"), (mild, "b"))
+    )
+    if severe == mild:
+        assert one.joined(other) == Verdict(one.word, one.reasons + other.reasons)
+        return
+    worse = one if severe < mild else other
+    assert one.joined(other) == other.joined(one) == worse
+    parts = {"LOOK AGAIN": "look_again", "COLLISION": "collision", "OVER LIMIT": "over", "UNSURE": "unsure"}
+    reasons = {parts[verdict.word]: [*verdict.reasons] for verdict in (one, other) if verdict.word in parts}
+    if reasons:
+        assert Verdict.from_reasons(**reasons) == worse
 
 
 @pytest.mark.parametrize("word", ["OK", "DONE"])

@@ -377,6 +377,22 @@ def test_without_a_compiler_torques_are_those_at_the_states_that_are_kept(monkey
     np.testing.assert_allclose(plain.tau, wanted.tau[:, ::3], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize(("method", "kd"), [("semi_implicit", 0.0), ("rk4", 0.5)])
+def test_without_a_compiler_torques_of_every_method_are_those_where_its_steps_begin(method, kd, every, monkeypatch):
+    """Of several stages as of one: a formula of the states that are kept. (Semi-implicit steps damp the speed they reach.)"""
+    monkeypatch.setenv("TWISTWRENCH_JIT", "0")
+    robot, q_des = tw.robots.planar_2r(), np.array([0.3, -0.2])
+    q0, dq0 = some_states(robot, 3)
+    law = BatchPD(q_des, 20.0, kd, gravity=False)
+    found = robot.rollout(q0, dq0, law, dt=0.01, steps=6, method=method, every=every, torques=True)
+    wanted = 20.0 * (q_des - found.q) - kd * found.dq
+    count = 6 // every
+    assert found.tau.shape == (3, count, 2)
+    assert np.abs(np.diff(wanted, axis=1)).min() > 1e-3  # a stage away they do change
+    np.testing.assert_allclose(found.tau, wanted[:, :count], rtol=1e-12, atol=1e-12)
+
+
 def test_long_programs_and_buffers_off_the_stack(monkeypatch):
     robot = tw.robots.quadruped()
     q0, dq0 = some_states(robot, 5)
