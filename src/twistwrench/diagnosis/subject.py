@@ -187,7 +187,7 @@ def _model_in_world(root: Element, name: str) -> str | None:
     models = root.all("model")
     for world in root.all("world"):
         models = [*models, *world.all("model")]
+    if len(models) < 2:
+        return None
     model_names = [model.text("name") for model in models]
-    if len(model_names) > 1 and name in model_names:
-        return name
-    return None
+    return name if name in model_names else None

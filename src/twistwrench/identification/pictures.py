@@ -140,9 +140,10 @@ def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
 def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
     """Draw inertia ellipsoids of the moving bodies, identified and from the file: a row per body, a view per axis."""
     unknown = found.base.unknown
+    inertias = found.consistent.inertias
     for axes_of_body, i in zip(grid, unknown.bodies, strict=True):
         body = unknown.model.bodies[i]
-        identified = (found.consistent.inertias[i], style.BLUE, "-", "identified")
+        identified = (inertias[i], style.BLUE, "-", "identified")
         ellipsoids = [identified, (body.inertia, style.VERMILION, "--", "file")]
         for axes, view in zip(axes_of_body, VIEWS, strict=True):
             draw_inertias(axes, ellipsoids, view)

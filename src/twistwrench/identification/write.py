@@ -208,8 +208,7 @@ def _link_inertias(found: ConsistentRobot, folded_share: float) -> tuple[dict[st
     model = found.base.unknown.model
     link_inertias: dict[str, SpatialInertia] = {}
     folded_links: list[str] = []
-    for i, body in enumerate(model.bodies):
-        body_inertia = found.inertias[i]
+    for i, (body, body_inertia) in enumerate(zip(model.bodies, found.inertias, strict=True)):
         if body.link not in model.link_inertias:
             continue  # massless body between two joints of one link
         poses: dict[str, Array] = {}

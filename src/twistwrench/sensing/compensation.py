@@ -252,13 +252,12 @@ def _test_residuals(
     lacks_inertia = sensor.missing_signals(log.V, log.dV)
     tested_axes = slice(3, 6) if lacks_inertia else slice(0, 6)  # forces alone, or all
     notes = []
-    noise_variance = np.repeat(noise, 3) ** 2
     freedom = None  # degrees of freedom of Student's distribution; None for a normal one
     if uncertainty is None:
         if false_alarms is not None:
             notes.append(doubt("sensor-file-covariance"))
             checked_noise(noise)  # raises ValueRangeError for unusable noise
-        S = np.diag(noise_variance)
+        S = np.diag(np.repeat(noise, 3) ** 2)
     else:
         S = uncertainty.predictive(log, sensor)
         freedom = uncertainty.noise_freedom
@@ -275,7 +274,7 @@ def _test_residuals(
     if uncertainty is None:
         S_with_model_error = np.diag(variance)
     else:
-        model_variance = np.maximum(variance - noise_variance, 0.0)
+        model_variance = np.maximum(variance - np.repeat(noise, 3) ** 2, 0.0)
         S_with_model_error = S + np.diag(model_variance)
     outlier_test = CollisionThreshold.predictive(S_with_model_error, freedom, FALSE_ALARM_RATE, axes=tested_axes)
     is_outlier = outlier_test(rest)

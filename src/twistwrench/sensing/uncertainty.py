@@ -67,7 +67,7 @@ class Uncertainty:
     def _kinds_of_names(self) -> Unknowns:
         """Unknowns with the names of :attr:`unknowns`, found by the first name of each kind; the load is always among them."""
         names = set(self.unknowns)
-        return Unknowns(bias="bias mx" in names, inertia="Ixx" in names, turn="turn values" in names)
+        return Unknowns(bias="bias mx" in names, inertia="Ixx" in names, turn="turn x" in names)
 
     def predictive(self, log: ReadingLog, sensor: ForceTorqueSensor) -> Array:
         """Predictive covariance of compensated readings without contact: S = diag σ² + A C A'.

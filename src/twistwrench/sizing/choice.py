@@ -705,7 +705,8 @@ def _smallest_drive(
     cycles = problem.cycles(joint, chosen_parts)
     emergency = problem.emergency_cycle(joint, chosen_parts)
     trials: list[SizedJoint] = []
-    for pair in sorted(catalog.pairs, key=catalog.size):
+    pairs = sorted(catalog.pairs, key=catalog.size)
+    for pair in pairs:
         trial = problem.size_joint(joint, catalog.pair(pair), cycles, emergency)
         trials.append(trial)
         if trial.sure:
@@ -717,13 +718,13 @@ def _smallest_drive(
     chosen_index = fitting_indices[0]
     if trials[-1].sure:  # the last trial, which also fits
         *rival_indices, chosen_index = fitting_indices
-        rivals = [trials[k].drive for k in rival_indices if not trials[k].missing]
+        rivals = [pairs[k] for k in rival_indices if not trials[k].missing]
     smaller = None
     if chosen_index > 0:
         next_smaller = trials[chosen_index - 1]
         reasons = next_smaller.excess or next_smaller.open or next_smaller.missing
-        smaller = (next_smaller.drive, reasons[0])
-    return Chosen(joint, trials[chosen_index].drive, smaller, tuple(rivals))
+        smaller = (pairs[chosen_index - 1], reasons[0])
+    return Chosen(joint, pairs[chosen_index], smaller, tuple(rivals))
 
 
 def drive_name(pair: Pair) -> str:

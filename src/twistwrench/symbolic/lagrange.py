@@ -28,8 +28,7 @@ def symbols_of(value: Any, what: str) -> tuple[Any, ...]:
     elif isinstance(value, Sequence | sympy.MatrixBase | sympy.Tuple):
         symbols = tuple(value)
     all_are_symbols = all(isinstance(entry, sympy.Symbol) for entry in symbols)
-    are_different = len(set(symbols)) == len(symbols)
-    if not (symbols and all_are_symbols and are_different):
+    if not symbols or not all_are_symbols or len(set(symbols)) < len(symbols):
         raise ShapeError(
             f"{what}={value!r} are not different SymPy symbols. Write theta instead of theta(t): the rates are symbols of "
             "their own, theta, thetadot = sympy.symbols('theta thetadot')."

@@ -34,8 +34,9 @@ def break_lines(text: str, width: float, measure: Callable[[str], float]) -> lis
         stop = min(bisect_right(widths_to_cuts, max_width), len(breaks) + 1)  # first cut beyond the line
         last_cut = max(first_cut + 1, stop - 1)
         min_width = _MIN_BREAK_SHARE * width
-        widths = [widths_to_cuts[k] - widths_to_cuts[first_cut] for k in range(stop)]
-        preferred_cuts = [k for k in range(first_cut + 1, stop) if widths[k] >= min_width]
+        preferred_cuts = [
+            k for k in range(first_cut + 1, stop) if widths_to_cuts[k] - widths_to_cuts[first_cut] >= min_width
+        ]
         if preferred_cuts:  # fewest open brackets, then the longest line
             last_cut = min(preferred_cuts, key=lambda k: (depths[k - 1], -k))
         lines.append(text[cuts[first_cut] : cuts[last_cut]].strip())

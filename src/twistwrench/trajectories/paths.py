@@ -249,8 +249,8 @@ def follow_poses(
             f"tolerance is {printed(max_deviation)}: give how far the frame may be off [m, rad], {_MIN_TOLERANCE} or more."
         )
     poses_at = _checked_poses_function(poses)
-    first_pose = poses_at(np.zeros(1))
-    (start_error,) = twist_left(robot.forward_kinematics(q0, frame)[None], first_pose, _ALL_ROWS)  # (6,)
+    start_pose = robot.forward_kinematics(q0, frame)[None]
+    (start_error,) = twist_left(start_pose, poses_at(np.zeros(1)), _ALL_ROWS)  # (6,)
     if np.abs(start_error).max() > _MAX_START_ERROR:
         distance = np.linalg.norm(start_error[3:])
         angle = np.linalg.norm(start_error[:3])

@@ -188,9 +188,10 @@ class Trajectory(TrajectoryDoors):
         [7.5, 0.0]
         """
         if self.path.third is None or not hasattr(self.scaling, "third"):
-            source = f"{self.scaling.name} timing"
             if self.path.third is None:
                 source = f"path {self.path.name!r}"
+            else:
+                source = f"{self.scaling.name} timing"
             raise ValueRangeError(
                 f"the {source} has no third derivative, so its jerk is not known: take the quintic or s-curve timing, a "
                 "line, a spline, or a JointPath with third=."

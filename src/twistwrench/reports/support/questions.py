@@ -70,7 +70,7 @@ class SupportQuestion:
     @property
     def has_foundation(self) -> bool:
         """True if the robot is mounted on a foundation."""
-        is_mounted = self.mounting is not None and self.mounting is not False
+        is_mounted = self.mounting not in (None, False)
         return is_mounted or self.bolts is not None
 
     def robot_of(self, robot: Robot, motion: Any, named: str, reading: Mapping[str, Any]) -> Robot:
