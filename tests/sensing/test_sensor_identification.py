@@ -11,6 +11,7 @@ from sensor_logs import BIAS, COM, tool
 from sensor_logs import NOISES as NOISE
 
 import twistwrench as tw
+from twistwrench.sensing.files import read_sensor_file
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import propose_poses
@@ -146,6 +147,21 @@ def test_coverage_holds_with_inertia_and_mounting():
         r = np.concatenate([x[:16] - truth, delta])
         inside.append(r @ np.linalg.solve(C, r) < 19 * stats.f.ppf(0.95, 19, found.fit.freedom.min()))
     assert 0.91 <= np.mean(inside) <= 0.99  # 250 trials: ± 2.8 % is two deviations
+
+
+@pytest.mark.parametrize("inertia", [False, True])
+@pytest.mark.parametrize("assume", [None, "orientation"])
+def test_the_uncertainty_of_any_unknowns_is_written_read_and_used(inertia, assume, tmp_path):
+    """The kinds of unknowns are found by their names in the file: bias, load, inertia and mounting."""
+    log = simulate(tool(), 60, motion=6.0)
+    options = {} if assume is None else {"assume": assume}
+    found = identify(log, inertia=inertia, **options)
+    file = tmp_path / "sensor.yaml"
+    found.write(file)
+    uncertainty = read_sensor_file(file).uncertainty
+    assert uncertainty.unknowns == found.uncertainty.unknowns
+    S = uncertainty.predictive(log, found.sensor)
+    np.testing.assert_allclose(S, found.uncertainty.predictive(log, found.sensor), rtol=1e-9)
 
 
 def test_a_mounting_turned_by_a_right_angle_is_found():

@@ -41,7 +41,7 @@ _UNWEIGHTED_ITERATIONS = 3
 """Number of first iterations of targets and tip alone whose residuals would give wrong weights."""
 _MAX_ITERATIONS = 40
 _MIN_TRIMMED_ITERATIONS = 3
-"""Number of last iterations, in which outliers have no weight."""
+"""Least number of last iterations, of which those after convergence give outliers no weight."""
 _MAX_TRIALS = 10
 """Maximum number of trials, each with more damping, for one step."""
 _INITIAL_DAMPING = 1e-3

@@ -258,7 +258,7 @@ def command_of(
     """Decorator that makes a command of a body; the options are the parameters of a ``function`` that the body calls.
 
     The body may name these arguments: ``robot`` and ``log`` (options of the robot and of the motion), ``outputs``, any option
-    by its name, and ``asked``, which has the values of all options that the body does not name, by parameter.
+    by its name, and ``asked``, which has the options that were given and that the body does not name, by parameter.
 
     ``own`` are options beside those of the function. Parameters of the functions of ``further_questions`` become options, too.
     Parameters in ``left_out`` get no option. ``spellings``, and ``kinds`` by annotation, apply to this command alone.

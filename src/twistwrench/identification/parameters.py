@@ -428,7 +428,7 @@ def check_speed(value: float) -> float:
 _MAX_ROUNDING = 1e-9  # length of a column that consists of rounding errors, as a share of the longest column's
 _MAX_DEPENDENT_REMAINDER = 1e3 * _MAX_ROUNDING  # remainder of a dependent column, as a share of its length
 _ROWS_PER_COLUMN = 3  # equations of random states for each parameter
-_ADDITIONAL_STATES = 8  # random states of small robots
+_ADDITIONAL_STATES = 8  # random states beside these
 _KNOWN_ERROR = 1e-7  # allowed error of a known value, as a share of its size
 _MIN_COEFFICIENT = 1e-7  # coefficients below this are rounding errors, in units of the columns' lengths
 

@@ -324,7 +324,7 @@ class IdentifiedRobot(Answer):
         """Groups whose deviation changes a joint's torque in another motion by over 2 %; the largest change first.
 
         Each group name is given the joint that changes most, and the change as a share of this joint's torque. Empty if
-        no other motion was given.
+        ``torque_shares`` is None.
         """
         if self.torque_shares is None:
             return {}

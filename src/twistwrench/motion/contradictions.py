@@ -333,7 +333,7 @@ _MAX_STEP_IN_MS = 500.0
 _MAX_STEP_IN_US = 5e5
 """Time step, as a number, below which it is in us."""
 _MIN_DELAY_RANGE = 5e-4
-"""Range of delays [s] from which both ends are printed; delays are printed in ms."""
+"""Range of delays [s] above which both ends are printed; delays are printed in ms."""
 _SLOW_STEP = 0.1
 """Time step [s] from which time may be in ms, if speeds are far below their limits: loggers have 0.1 ms and more."""
 _SLOW_SHARE = 1 / 300

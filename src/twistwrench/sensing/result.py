@@ -77,7 +77,7 @@ class Identification(Answer):
     doubts: tuple[Doubt, ...] = ()
     """Doubts and notes about units, sign, mounting, poses, readings and intervals."""
     left_out: Array | None = None
-    """Mask (N,) of outliers; None if there are none."""
+    """Mask (N,) of outliers."""
 
     def __repr__(self) -> str:
         com_in_mm = 1e3 * np.asarray(self.sensor.load.com)

@@ -410,7 +410,7 @@ class CompiledSteps:
     """Steps of one method, under the held torques of a system and its constant wrenches."""
 
     takes_many = True
-    """One call can take several steps."""
+    """States and times may have a batch axis."""
 
     def __init__(self, system: System, plan: StepPlan, order: int, h: float, kernel: Any, cost: float) -> None:
         self.system, self.plan, self.kernel = system, plan, kernel

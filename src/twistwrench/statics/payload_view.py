@@ -27,7 +27,7 @@ _ROUNDING = 12
 _MAX_JOINTS = 12
 """Largest number of joints in the short form of the table."""
 _CAUTION = "Counts joint torques at rest alone: structure, grip, warm motors and motion may limit it earlier."
-"""Last line of the report."""
+"""Line of the report on what it leaves out."""
 
 
 def payload_view(report: PayloadReport) -> Iterator[Block]:

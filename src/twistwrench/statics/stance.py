@@ -31,7 +31,7 @@ _MIN_STANCE_DROP = 0.005
 _MIN_STANCE_TIME = 0.02
 """Time [s] for which the new stance foot must be lower."""
 _MAX_EQUAL_HEIGHT = 0.0005
-"""Difference in height [m] up to which both feet stand. The new stance foot takes over in the last such row."""
+"""Difference in height [m] up to which both feet stand. The new stance foot takes over in the row after the last such."""
 _MAX_DISTANCE_FROM_PLANE = 0.01
 """Largest distance of points from a plane at which they still stand on it [m]."""
 _MIN_COSINE_OF_LEAN = np.cos(np.radians(45.0))

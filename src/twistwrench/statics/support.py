@@ -56,7 +56,7 @@ class Support:
     payload: Array
     """(n,): mass that can be added [kg], negative if mass must be removed; NaN without a frame of the payload."""
     friction: Array
-    """(n,): least coefficient of friction that holds, at the contact that needs most; inf if no friction suffices."""
+    """(n,): least coefficient of friction that holds, the largest of all contacts; inf if no friction suffices."""
     zmp: Array
     """(n, 2): zero moment point in the plane of the contacts [m]; NaN without one plane."""
     zmp_margin: Array

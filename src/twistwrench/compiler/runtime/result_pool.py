@@ -34,7 +34,7 @@ PAGE = 1 << 21
 MAX_POOL = 1 << 30
 """Largest size of all blocks together [bytes]."""
 MEMORY_PER_POOL = 16
-"""Smallest ratio of available memory, of the machine or container, to the size of all blocks together."""
+"""Smallest ratio of the memory, of the machine or container, to the size of all blocks together."""
 
 
 class _Block:

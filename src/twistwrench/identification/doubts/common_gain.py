@@ -26,7 +26,7 @@ _UNITS = {
     1.35582: "N m if they were in lbf ft",
     0.112985: "N m if they were in lbf in",
 }
-"""Other units of torques, by the number of such units in 1 N m."""
+"""Explanation of a gain common to all torques, by the gain: 1 N m in another unit, or the reverse."""
 _MAX_UNIT_DEVIATION = 0.02
 """Largest relative deviation of a gain from that of a unit."""
 _MAX_RATIO_TO_FREE = 2.0

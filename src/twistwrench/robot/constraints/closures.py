@@ -64,7 +64,7 @@ def _frame_name(model: Model, frame: str | None) -> str:
 # ── Configurations with closed loops, and rows that are independent there
 
 STARTS = 32
-"""Number of start configurations in the search for configurations with closed loops; several converge for most mechanisms."""
+"""Number of random start configurations in the search for configurations with closed loops, beside those near known ones."""
 MAX_FOUND_GAP = 1e-10
 """Largest gap of a configuration that counts as closed: an angle [rad], or a distance as a fraction of the robot's length.
 
