@@ -76,22 +76,6 @@ def test_reports_keep_within_80_columns(words, tmp_path, monkeypatch):
     assert output and not [line for line in output.splitlines() if cell_len(line.rstrip()) > 80]
 
 
-@pytest.mark.parametrize("title", ["", "a title", "a title\nof two lines"])
-@pytest.mark.parametrize(
-    "names", [[], ["shoulder", "elbow"], ["two\nlines", "one"], ["a\ttab", "line\u2028ends"], ["x" * 90]]
-)
-def test_as_many_lines_as_are_printed_are_counted(title, names):
-    """Whether a report fits on a screen is found without printing its tables."""
-    printer = console()
-    printer.width, printer.file = 80, io.StringIO()
-    shown = renderable(Table(title, words("joint", names), numbers("peak", ["1.5 N m"] * len(names))), printer)
-    is_counted = shown.is_printed_as_it_is(printer)
-    line_count = shown.line_count
-    printer.print(shown)
-    assert is_counted == ("".join(names).replace("\n", "").isprintable() and len("".join(names)) < 80)
-    assert not is_counted or line_count == printer.file.getvalue().count("\n")
-
-
 @pytest.mark.parametrize("width", [60, 72, 80, 84, 100, 120])
 def test_a_name_is_folded_only_in_a_table_that_would_not_fit_with_it(width):
     """Padding goes first: a folded name means that the table with whole names is wider than the console."""

@@ -101,19 +101,12 @@ def _fits_on_a_screen(blocks: Iterable[Block], output: _Output) -> bool:
     """True if blocks have at most 45 lines; those behind the 45th are not counted."""
     line_count = 0
     for block in blocks:
-        line_count += _line_count(renderable(block, output), output)
+        with output.capture() as captured:
+            output.print(renderable(block, output))
+        line_count += captured.get().count("\n")
         if line_count > MAX_LINES:
             return False
     return True
-
-
-def _line_count(content: RenderableType, output: _Output) -> int:
-    """Lines of printed content. Those of a table in which nothing is wrapped are counted without printing it."""
-    if isinstance(content, TerminalTable) and content.is_printed_as_it_is(output):
-        return content.line_count
-    with output.capture() as captured:
-        output.print(content)
-    return captured.get().count("\n")
 
 
 def _short_forms(blocks: list[Block], hint: str) -> Iterator[list[Block]]:
@@ -164,9 +157,10 @@ def _print(blocks: Iterable[Block], output: Console) -> None:
 def renderable(block: Block, output: Console) -> RenderableType:
     """Rich renderable of a block; a table has its narrow columns if it is too wide even without padding."""
     if isinstance(block, Table):
-        whole_table = TerminalTable(block)
-        is_too_wide = whole_table.excess_width(output, output.options, padding=(0, 0)) > 0
-        return TerminalTable(block, narrow=True) if is_too_wide else whole_table
+        table_without_padding = TerminalTable(block)
+        table_without_padding.padding = (0, 0)
+        is_too_wide = table_without_padding.excess_width(output, output.options) > 0
+        return TerminalTable(block, narrow=is_too_wide)
     if isinstance(block, Branch):
         return _rich_tree(block)
     if isinstance(block, Aligned):
@@ -231,28 +225,21 @@ class TerminalTable(table.Table):
         if content.title:
             title = Text(content.title, style=terminal_style(content.style), no_wrap=True, overflow="ignore")
         super().__init__(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
-        self._widest_row = table.Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        """Table of the widest cell of each column, which is as wide as all rows and faster to measure."""
-        self._widths: dict[tuple[int, int, int, int], int] = {}
-        """Measured width of the whole table, for each padding."""
         columns = list(content.columns)
         if narrow:
             columns = [column.narrow or column for column in content.columns if not column.wide_only]
         self._foldable_columns: list[list[Text]] = []
         """Cells of each column whose names may be folded."""
         cells_of_columns: list[list[Text]] = []
-        widest_cells: list[Text] = []
         for column in columns:
             texts = [_rich_text(column.show(value)) for value in column.values]
             self._add(column, texts)
             cells_of_columns.append(texts)
-            widest_cells.append(max(texts, key=_width_of_text, default=Text()))
             if column.words and not column.whole:
                 self._foldable_columns.append(texts)
         rows = zip(*cells_of_columns, strict=True)
         for row, style in zip(rows, content.styles, strict=True):
             self.add_row(*row, style=terminal_style(style))
-        self._widest_row.add_row(*widest_cells)
 
     def _add(self, column: Column, texts: list[Text]) -> None:
         """Add a column with the least width at which its cells can be read."""
@@ -269,14 +256,13 @@ class TerminalTable(table.Table):
             widths.append(column.min_width)
         elif not column.words:
             widths.append(max(map(cell_len, column.head.split()), default=0))
-        for rich_table in (self, self._widest_row):
-            rich_table.add_column(
-                Text(column.head),
-                justify="left" if column.words else "right",
-                overflow="fold" if column.words else "ellipsis",
-                style=terminal_style(column.style),
-                min_width=max(widths, default=None),
-            )
+        self.add_column(
+            Text(column.head),
+            justify="left" if column.words else "right",
+            overflow="fold" if column.words else "ellipsis",
+            style=terminal_style(column.style),
+            min_width=max(widths, default=None),
+        )
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Render the table. If it is too wide it has no padding, and if this is not enough, names are folded."""
@@ -311,38 +297,10 @@ class TerminalTable(table.Table):
             for text in texts:
                 text.plain = _fold_name(text.plain, width)
 
-    def excess_width(self, console: Console, options: ConsoleOptions, padding: tuple[int, int] | None = None) -> int:
-        """Characters by which the table is wider than the console, with its padding or another one."""
-        measured = self._widest_row
-        measured.padding = self.padding if padding is None else padding
-        if measured.padding not in self._widths:
-            unbounded = options.update(max_width=_UNBOUNDED_WIDTH)
-            self._widths[measured.padding] = Measurement.get(console, unbounded, measured).maximum
-        return self._widths[measured.padding] - options.max_width
-
-    def is_printed_as_it_is(self, console: Console) -> bool:
-        """True if the table is not too wide, and Rich prints its texts in the lines that they have."""
-        texts = [column.header for column in self.columns] + [cell for column in self.columns for cell in column.cells]
-        if self.title:
-            texts.append(self.title)
-        are_plain = all(line.isprintable() for text in texts for line in str(text).split("\n"))  # tabs are not
-        return are_plain and self.excess_width(console, console.options) <= 0
-
-    @property
-    def line_count(self) -> int:
-        """Lines of the printed table if none is wrapped: title, blank line, heads, rule, rows, blank line."""
-        rows = [
-            [column.header for column in self.columns],
-            *zip(*(column.cells for column in self.columns), strict=True),
-        ]
-        heights = [max(str(cell).count("\n") + 1 for cell in row) for row in rows]
-        title_height = str(self.title).count("\n") + 1 if self.title else 0
-        return title_height + sum(heights) + 3
-
-
-def _width_of_text(text: Text) -> int:
-    """Characters of the longest line."""
-    return max(map(cell_len, text.plain.splitlines()), default=0)
+    def excess_width(self, console: Console, options: ConsoleOptions) -> int:
+        """Number of characters by which the table is wider than the console; negative if it fits."""
+        unbounded = options.update(max_width=_UNBOUNDED_WIDTH)
+        return Measurement.get(console, unbounded, self).maximum - options.max_width
 
 
 def _name_parts(name: str) -> list[str]:
