@@ -335,9 +335,7 @@ _MAX_STEP_IN_US = 5e5
 _MIN_DELAY_RANGE = 5e-4
 """Range of delays [s] above which both ends are printed; delays are printed in ms."""
 _SLOW_STEP = 0.1
-"""Time step [s] from which time may be in ms, if speeds are far below their limits: loggers have 0.1 ms and more."""
-_SLOW_SHARE = 1 / 300
-"""Share of the velocity limits below which speeds are too slow for this step: robots are built for their limits."""
+"""Time step [s] from which time may be in ms, if speeds in ms are within known limits: loggers have 0.1 ms and more."""
 _MAX_SHARE_OF_SPIKES = 0.01
 """Share of rows with spikes from which a doubt is raised."""
 
@@ -511,12 +509,10 @@ class Contradictions:
         if not self._keeps_speed(units_per_second, limits):
             return []  # in that unit the motion would exceed the robot's limits
         velocity_limits = self._velocity_limits(limits)[is_moving]
-        share_of_limits = math.inf
-        if np.isfinite(velocity_limits).all():
-            share_of_limits = float((self._largest_speed[is_moving] / velocity_limits).max())
         if step >= _LONG_STEP and self._largest_distance.max(initial=0.0) < _SHORT_MOVE:
             slowness = f"within one no joint moves by more than {printed(self._largest_distance.max(), 2)} rad or m"
-        elif step >= _SLOW_STEP and share_of_limits < _SLOW_SHARE:
+        elif step >= _SLOW_STEP and np.isfinite(velocity_limits).all():
+            share_of_limits = float((self._largest_speed[is_moving] / velocity_limits).max())
             slowness = f"no joint moves faster than {printed(100 * share_of_limits, 2)} % of its limit of velocity"
         else:
             return []
