@@ -6,6 +6,10 @@ of order 1 to 100, which rounds by 1e-14; 1e-12 allows for a frame that is metre
 
 from __future__ import annotations
 
+import contextlib
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -410,3 +414,21 @@ def test_a_matrix_where_an_inertia_is_wanted_is_refused_with_the_call_for_matric
     with pytest.raises(tw.InertiaError, match=r"SpatialInertia\.from_matrix\(G\)"):
         tw.RigidBody(G)
     assert tw.RigidBody(tw.SpatialInertia.from_matrix(G)).inertia.mass == 2.0
+
+
+def test_a_misused_constructor_lets_its_arguments_go():
+    """An error that is caught keeps nothing: no reference cycle holds the arguments until the next collection."""
+
+    class Thing:
+        pass
+
+    thing = Thing()
+    gone = weakref.ref(thing)
+    gc.disable()
+    try:
+        with contextlib.suppress(TypeError):
+            SpatialInertia(thing, wrong=1)
+        del thing
+        assert gone() is None
+    finally:
+        gc.enable()

@@ -670,3 +670,15 @@ def test_shapes_speak_for_the_side_whose_centre_of_mass_is_half_as_far_and_2_mm_
         assert f"{near:.2g} mm from theirs, not {far:.2g}" in found
     else:
         assert found == "the file does not determine which is meant"
+
+
+def test_an_element_of_another_format_in_a_urdf_is_no_second_robot(tmp_path):
+    """A robot whose file has a model without a name beside its links, which URDF passes over, is judged."""
+    text = (
+        '<robot name="r"><model/><link name="base"/><link name="arm"><inertial><mass value="1"/>'
+        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="j" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint></robot>'
+    )
+    file = tmp_path / "r.urdf"
+    file.write_text(text)
+    assert tw.doctor(load_quietly(file)).verdict.word in ("OK", "UNSURE")

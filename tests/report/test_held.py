@@ -460,3 +460,8 @@ def test_the_force_along_a_sliding_joint_is_no_load_of_its_bearing(tmp_path):
     with pytest.raises(tw.ValueRangeError, match=r"slides along its axis.*effort"):
         tw.check(robot, motion, limits=bearing_table(tmp_path, "joint,axial\nleft_drive,10"))
     assert tw.check(robot, motion, limits=bearing_table(tmp_path, "joint,axial,radial\nleft_drive,,100")).verdict.ok
+
+
+@pytest.mark.parametrize("mounting", [None, False, np.False_, 0])
+def test_whatever_says_no_is_no_mounting(mounting):
+    assert tw.check("ur5", "demo", mounting=mounting).held.mounting is None

@@ -272,3 +272,10 @@ def test_clean_logs_raise_no_doubt_of_the_sensor_file():
             ).doubts
     causes = [each for each in raised if each.kind != "sensor-file-inertia"]
     assert len(causes) <= 3, causes
+
+
+@pytest.mark.parametrize("noise", [("a", "b"), (None, 1.0), (1.0,), (0.0, 1.0), (1.0, np.inf)])
+def test_noise_that_is_no_pair_of_positive_numbers_is_one_error(noise):
+    log = ReadingLog.from_arrays(AT_REST.predict(np.eye(3), gravity=[(0, 0, -9.81)]), gravity=[(0, 0, -9.81)])
+    with pytest.raises(tw.ValueRangeError, match="is not two positive numbers"):
+        compensate(log, AT_REST, noise=noise, false_alarms=1e-3)

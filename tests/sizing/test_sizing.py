@@ -461,3 +461,14 @@ def test_given_drives_are_judged_and_the_smallest_that_does_it_is_named(run, tmp
 def test_bad_options_are_one_line(arguments, words, run, tmp_path):
     code, output = run("ur5", "demo", *arguments)
     assert code == 2 and words in output and not list(tmp_path.iterdir()), output
+
+
+def test_drives_are_chosen_by_the_names_that_a_catalogue_made_in_python_gives_them():
+    """Keys of such a catalogue need not be the names inside its motors and gears."""
+    named = catalogs.read_catalog(CATALOG)
+    pairs = tuple((f"my {motor}", gear) for motor, gear in named.pairs)
+    renamed = catalogs.Catalog({f"my {name}": motor for name, motor in named.motors.items()}, named.gears, pairs)
+    by_name = tw.size_drives("ur5", "demo", named, **SETTINGS)
+    by_key = tw.size_drives("ur5", "demo", renamed, **SETTINGS)
+    assert by_key.verdict.word == by_name.verdict.word
+    assert [joint.mass for joint in by_key.joints.values()] == [joint.mass for joint in by_name.joints.values()]

@@ -232,3 +232,9 @@ def test_constants_of_a_robot_are_all_or_none():
         gravity_forces([0.0, 0.0], {"m_2": 3})
     with pytest.raises(UnknownNameError, match="m_7"):
         gravity_forces([0.0, 0.0], {"m_7": 3})
+
+
+@pytest.mark.parametrize("q", [[[x, theta]], [sympy.Matrix([x])], [x, x], []])
+def test_what_is_no_row_of_different_symbols_is_one_error(q):
+    with pytest.raises(ShapeError, match="not different SymPy symbols"):
+        lagrange(m * xdot**2 / 2, q)

@@ -344,3 +344,20 @@ BAD = {
 def test_bad_input_is_one_error_of_the_tree(bundled, call):
     with pytest.raises((tw.ValueRangeError, tw.ShapeError)):
         call(bundled("ur5"))
+
+
+def test_a_path_without_a_third_derivative_is_named_whatever_the_timing_lacks():
+    arm = tw.robots.planar_2r()
+    path = trajectories.JointPath(
+        "mine", trajectories.move(arm, [0, 0], [1, 0], trajectories.quintic(2.0)).path.coordinates
+    )
+
+    class Timing:
+        duration = 1.0
+
+        def __call__(self, t):
+            t = np.asarray(t, float)
+            return t, np.ones_like(t), np.zeros_like(t)
+
+    with pytest.raises(tw.ValueRangeError, match="the path 'mine' has no third derivative"):
+        trajectories.Trajectory(arm, path, Timing()).jerk(0.5)
