@@ -1,0 +1,1 @@
+"""Answers on record: what a release said, so that no change alters an answer unseen."""
