@@ -36,6 +36,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     folder = config.stash.get(_FOLDER, None)
     if folder is not None:
         shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(folder + "-level-0", ignore_errors=True)
 
 
 _FOLDER = pytest.StashKey[str]()
@@ -93,6 +94,26 @@ def folder_without_strays() -> Generator[None]:
     yield
     strays = {*os.listdir(place)} - before - IGNORED
     assert not strays, f"{sorted(strays)} came into {place} while this test ran. Write into tmp_path."
+
+
+FILES_OF_MACHINE_CODE = ("tests/kernels/", "tests/program/")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def level_of_generated_code(request: pytest.FixtureRequest) -> Generator[None]:
+    """Quick tests compile as users do only where machine code is the subject.
+
+    All others generate it without LLVM's optimisation, in less than half the time: its bits are the same, as
+    ``test_bits_do_not_depend_on_the_level_of_optimisation`` holds. Files of the two levels share no entries of the cache.
+    """
+    place = Path(request.node.path).relative_to(ROOT).as_posix()
+    if place.startswith(FILES_OF_MACHINE_CODE) or request.config.option.markexpr != "not slow":
+        yield
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("twistwrench.compiler.runtime.jit.CODE_GENERATION_LEVEL", 0)
+        patch.setenv(CACHE, os.environ[CACHE] + "-level-0")
+        yield
 
 
 @pytest.fixture(scope="session")

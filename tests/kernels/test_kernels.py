@@ -14,6 +14,7 @@ from twistwrench.compiler.ir.tracer import trace
 from twistwrench.compiler.lowering.lower import CUT_OUTPUTS, MAX_UNCUT_OUTPUTS
 from twistwrench.compiler.lowering.numpy_kernels import NumpyKernel
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
+from twistwrench.compiler.runtime import jit
 from twistwrench.compiler.runtime.gufunc import make_ufunc
 from twistwrench.core.errors import KernelError
 
@@ -75,6 +76,16 @@ def test_bits_are_the_same_in_every_batch_size_and_place(bundled, name, quantity
     for start, size in itertools.product((0, 1, 3), range(COUNT - 3)):
         part = slice(start, start + size)
         assert same_bits(kernel(*(a[part] for a in arrays)), whole[part])
+
+
+@dtypes
+@kernels
+def test_bits_do_not_depend_on_the_level_of_optimisation(bundled, monkeypatch, name, quantity, dtype):
+    _, arrays, results = case(bundled, name, quantity, dtype)
+    monkeypatch.setattr(jit, "CODE_GENERATION_LEVEL", 0)
+    monkeypatch.setenv("TWISTWRENCH_CACHE_DIR", "off")
+    plainly_generated = getattr(tw.robots, name)().kernel(quantity)
+    assert same_bits(plainly_generated(*arrays), results)
 
 
 @kernels

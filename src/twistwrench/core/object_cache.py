@@ -25,8 +25,8 @@ except ImportError:
 
 MAGIC = b"twistwrench code 2\n"
 """Beginning of every entry; the number is that of the format."""
-MOST_ENTRIES = 2000
-"""Maximum number of entries."""
+MOST_ENTRIES = 10_000
+"""Maximum number of entries, of about 10 kB each."""
 MOST_BYTES = 2**28
 """Maximum size of an entry [bytes]; the code of the largest robots has a few MiB."""
 VARIABLE = "TWISTWRENCH_CACHE_DIR"
@@ -202,10 +202,12 @@ def store(key: str, code: bytes) -> None:
 
 def _prune(cache_folder: Path) -> None:
     """If there are too many entries, remove the oldest: a quarter of the maximum number."""
-    paths = list(cache_folder.iterdir())
-    if len(paths) <= MOST_ENTRIES:  # the usual case, without a look at the files
+    with os.scandir(cache_folder) as folder_entries:
+        names = [entry.name for entry in folder_entries]
+    if len(names) <= MOST_ENTRIES:  # the usual case, without a look at the files
         return
-    entries = [path for path in paths if _OWN_NAMES.fullmatch(path.name) and path.is_file()]
+    own_paths = [cache_folder / name for name in names if _OWN_NAMES.fullmatch(name)]
+    entries = [path for path in own_paths if path.is_file()]
     if len(entries) <= MOST_ENTRIES:
         return
     entries.sort(key=_time_of_writing)

@@ -119,11 +119,12 @@ def _joints_table(model: Model, *, degrees: bool) -> Table:
         columns.append(numbers(heading, cells))
     unit_text = partial(heading_unit, turning=(True, False), degrees=degrees)  # of revolute and sliding joints
     return Table(
-        f"Joints: positions in {unit_text('q')}, velocities in {unit_text('dq')}, efforts in {unit_text('tau')}",
+        "Joints",
         words("joint", [row.name for row in rows]),
         words("kind", [row.kind for row in rows]),
         words("carries", [row.link for row in rows]),
         *columns,
+        detail=f": positions in {unit_text('q')}, velocities in {unit_text('dq')}, efforts in {unit_text('tau')}",
         most=_MAX_ROWS,
     )
 
@@ -176,13 +177,14 @@ def _actuators_table(model: Model) -> Table:
             values = [getattr(a.motor, name, "") for a in actuators]
             ratings.append(numbers(rating.head, values))
     return Table(
-        "Actuators (SI units)",
+        "Actuators",
         words("joint", [a.joint for a in actuators]),
         numbers("ratio", [a.ratio for a in actuators]),
         numbers("η", [a.efficiency for a in actuators]),
         numbers("rotor", [a.rotor.inertia if a.rotor else math.inf for a in actuators]),
         numbers("stiffness", [a.stiffness for a in actuators]),
         *ratings,
+        detail=" (SI units)",
         most=_MAX_ROWS,
     )
 
@@ -192,13 +194,14 @@ def _coupling_table(model: Model, k: int, level: Level) -> Table:
     coupling = model.couplings[k]
     rows, A, _ = model.coupled[k]  # velocities of the coupled joints; motor velocities = A · joint velocities
     return Table(
-        f"Coupling {coupling.name}: velocity of each motor, behind its gear, per velocity of each joint (SI units)",
+        f"Coupling {coupling.name}",
         words("motor", coupling.motors),
         *map(numbers, coupling.joints, A.T),
         numbers("effort", model.limits.effort[rows]),
         numbers("armature", model.armature[rows]),
         numbers("damping", model.friction.viscous[rows]),
         numbers("friction", model.friction.coulomb[rows]),
+        detail=": velocity of each motor, behind its gear, per velocity of each joint (SI units)",
         level=level,
     )
 
@@ -234,12 +237,13 @@ def _inertias_table(model: Model, level: Level) -> Table:
         principal_moments, *_ = inertia.principal()
         moments.append(" ".join(map(number, principal_moments)))
     return Table(
-        "Links with mass, each in its own frame (kg, m, kg m²)",
+        "Links with mass",
         words("link", links),
         words("moves with", carriers),
         numbers("mass", masses),
         numbers("centre of mass", centres, min_width=10),
         numbers("principal moments", moments, min_width=10),
+        detail=", each in its own frame (kg, m, kg m²)",
         most=_MAX_ROWS,
         level=level,
     )

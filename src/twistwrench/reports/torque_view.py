@@ -165,14 +165,15 @@ def _torque_column(
 
 
 def _joint_table(title: str, joints: Sequence[JointTorque], *columns: Column | None) -> Table:
-    """Table with one row per joint. Its title has the unit of the torques; if there are two units, a column has them.
+    """Table with one row per joint. Its heading has the unit of the torques; if there are two units, a column has them.
 
     A short report shows the joints with the largest shares of their limits, or without limits those with the largest peaks.
     """
     units = [j.unit for j in joints]
     unit_column = None
+    common_unit = ""
     if len(set(units)) == 1:
-        title = f"{title} [{units[0]}]"
+        common_unit = units[0]
     elif units:
         unit_column = words("unit", units, style=Style.QUIET)
     has_limits = any(math.isfinite(j.limit) for j in joints)
@@ -182,6 +183,7 @@ def _joint_table(title: str, joints: Sequence[JointTorque], *columns: Column | N
         words("joint", [j.joint for j in joints]),
         unit_column,
         *columns,
+        unit=common_unit,
         most=_MAX_ROWS,
         by=ranks,
         of_limits=has_limits,
@@ -315,8 +317,7 @@ def _explanation_table(report: TorqueReport, k: int) -> Table:
         noise = np.zeros(len(report.joints))
         noise[k] = joint.chance
         explanation = explanation.with_term("noise", noise)
-    heading_row, *rows = explanation.rows(explanation.joints[k])
-    link_heading, *headings = heading_row
+    (link_heading, *_), *rows = explanation.rows(explanation.joints[k])
     links, *columns_of_texts = zip(*rows, strict=True)  # a column for each term and for the sum
     link_indices = [explanation.causes.index(link) for link in links[:-1]]  # the last row is the sum
     torques = np.vstack([explanation.parts[:, link_indices, k].T, explanation.by_term[:, k]])  # (rows, terms)
@@ -324,16 +325,17 @@ def _explanation_table(report: TorqueReport, k: int) -> Table:
 
     unit = explanation.units[k]
     columns = [words(link_heading, links)]
-    for heading, texts, column_torques in zip(headings, columns_of_texts, torques_and_sums.T.tolist(), strict=True):
+    names = [*explanation.terms, "together"]
+    for name, texts, column_torques in zip(names, columns_of_texts, torques_and_sums.T.tolist(), strict=True):
         if set(texts) == {NEGLIGIBLE_PART}:  # a term without effect has no column
             continue
-        name = heading.removesuffix(f" [{unit}]")  # the title has the unit
         columns.append(numbers(name, map(_part_cell, texts, column_torques), unit=unit, headed=False))
-    title = f"Why {joint.joint} at t = {seconds(joint.time)} s"
+    detail = ""
     if report.load.payloads:
-        title += ", payload's part below each term"
+        detail = ", payload's part below each term"
     row_styles = [""] * (len(rows) - 1) + [Style.STRONG]  # the sum is strong
-    return Table(f"{title} [{unit}]", *columns, styles=row_styles)
+    title = f"Why {joint.joint} at t = {seconds(joint.time)} s"
+    return Table(title, *columns, detail=detail, unit=unit, styles=row_styles)
 
 
 def _part_cell(text: str, part: float) -> Cell:

@@ -208,8 +208,13 @@ def _readings_table(log: ReadingLog, compensated: Array, is_kept: Array) -> Tabl
     show_number = partial(number, decimals=4)
     for axis, before, after in zip(WRENCH, rms_before, rms_after, strict=True):
         columns.append(numbers(axis, [before, after], show_number, _unit(axis), headed=False))
-    heading = f"Readings, root mean square [{heading_unit('tau', (True, False))}]"
-    return Table(heading, words("", ["before", "after"], fold=False), *columns)
+    return Table(
+        "Readings",
+        words("", ["before", "after"], fold=False),
+        *columns,
+        detail=", root mean square",
+        unit=heading_unit("tau", (True, False)),
+    )
 
 
 def _unit(axis: str) -> str:

@@ -107,12 +107,13 @@ def _coordinates(result: SimulationResult) -> Table:
     unit = heading_unit("q", _TURNING_AND_SLIDING, degrees=result.degrees)
     column = partial(numbers, show=_rounded_text, unit=unit, headed=False)
     return Table(
-        f"Coordinates [{unit}]",
+        "Coordinates",
         words("coordinate", result.coordinate_names),
         column("start", q[0]),
         column("end", q[-1]),
         column("lowest", q.min(axis=0)),
         column("highest", q.max(axis=0)),
+        unit=unit,
         most=MAX_ROWS_IN_SHORT,
     )
 
@@ -125,12 +126,13 @@ def _velocities(result: SimulationResult) -> Table:
     unit = heading_unit("dq", _TURNING_AND_SLIDING, degrees=result.degrees)
     column = partial(numbers, show=_rounded_text, unit=unit, headed=False)
     return Table(
-        f"Velocities [{unit}]",
+        "Velocities",
         words("velocity", result.velocity_names),
         column("start", dq[0]),
         column("end", dq[-1]),
         column("fastest", fastest),
         numbers("at", result.times[peak_rows], seconds, "s"),
+        unit=unit,
         most=MAX_ROWS_IN_SHORT,
     )
 
@@ -152,7 +154,8 @@ def _energies(result: SimulationResult) -> Table:
     start, end, largest = zip(*rows, strict=True)
     column = partial(numbers, unit="J", headed=False)
     names = words("", [*energies, "drift"])
-    return Table("Energies [J]", names, column("start", start), column("end", end), column("largest", largest))
+    columns = [column("start", start), column("end", end), column("largest", largest)]
+    return Table("Energies", names, *columns, unit="J")
 
 
 def _events(result: SimulationResult) -> Iterator[Block]:

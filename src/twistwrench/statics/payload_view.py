@@ -153,7 +153,7 @@ def _holding_torques(report: PayloadReport) -> Table:
         styles = _row_styles(shares, int(largest_payload.joint))
     else:
         columns.append(limit_column)
-    return Table(f"Holding torques [{unit}]", *columns, styles=styles, most=_MAX_JOINTS, by=shares)
+    return Table("Holding torques", *columns, unit=unit, styles=styles, most=_MAX_JOINTS, by=shares)
 
 
 def _limit_shares(report: PayloadReport, shares: list[float]) -> Iterator[Column]:

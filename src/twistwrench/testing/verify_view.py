@@ -20,12 +20,13 @@ def verification_view(report: VerifyReport) -> Iterator[Block]:
     yield Headline(report.verdict.word, sentence)
     yield ""
     yield Table(
-        f"{report.robot}: {report.states} random states, seed {report.seed}",
+        report.robot,
         words("check", [check.name for check in checks]),
         words("compares", map(_compares, checks)),
         numbers("residual", [_figure(check, check.residual) for check in checks]),
         numbers("allowed", [_figure(check, check.tolerance) for check in checks]),
         words("", map(_agreement, checks)),
+        detail=f": {report.states} random states, seed {report.seed}",
     )
 
 

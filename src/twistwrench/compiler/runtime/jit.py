@@ -19,6 +19,9 @@ from .executable_memory import UnsupportedObject
 if TYPE_CHECKING:
     from ..ir.loops import Form
 
+CODE_GENERATION_LEVEL = 1
+"""LLVM's level of optimisation. Level 2 takes half as long again without making code faster (bench/NOTES.md). Level 0 takes
+less than half as long; its code runs half as long again, with the same bits."""
 SILENT_SECONDS = 1.0
 """Compile time [s] after which a message appears on the terminal."""
 _LINKER_ERRORS = (
@@ -63,9 +66,8 @@ class _Jit:
         llvm.initialize_native_asmprinter()
         llvm.initialize_native_asmparser()
         # codemodel: the small one allows constants as memory operands; LLVM's default in a process would load each address
-        # opt: level 2 takes half as long again without making code faster (bench/NOTES.md)
         return llvm.Target.from_triple(machine.triple).create_target_machine(
-            cpu=machine.cpu, features=machine.features, opt=1, reloc="pic", codemodel="small"
+            cpu=machine.cpu, features=machine.features, opt=CODE_GENERATION_LEVEL, reloc="pic", codemodel="small"
         )
 
     def link(self, objects: Sequence[bytes], symbol: str, machine: Machine) -> Any:

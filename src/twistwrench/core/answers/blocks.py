@@ -249,13 +249,16 @@ class Table:
 
     The short form shows at most ``most`` rows: those with the largest values in ``by``, which has a value for each row. They
     keep their order, and a last row counts the others. If ``of_limits``, the values in ``by`` are shares of limits.
-    ``style`` is the style of the title, and ``styles`` has a style for each row.
+    ``style`` is the style of the title, and ``styles`` has a style for each row. ``detail`` follows the title, such as
+    ", by the robot alone", and then the ``unit`` of all values.
     """
 
     def __init__(
         self,
         title: str,
         *columns: Column | None,
+        detail: str = "",
+        unit: str = "",
         styles: Iterable[str] | None = None,
         style: str = Style.STRONG,
         level: Level = Level.SHORT,
@@ -264,6 +267,8 @@ class Table:
         of_limits: bool = True,
     ) -> None:
         self.title = title
+        self.detail = detail
+        self.unit = unit
         self.style = style
         self.level = level
         self.columns = [column for column in columns if column is not None]
@@ -273,6 +278,14 @@ class Table:
         self.most = most
         self.by = by
         self.of_limits = of_limits
+
+    @property
+    def heading(self) -> str:
+        """Title, detail and unit, as surfaces show them."""
+        unit = ""
+        if self.unit:
+            unit = f" [{self.unit}]"
+        return f"{self.title}{self.detail}{unit}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -49,13 +48,12 @@ class DataTable:
 
         Examples
         --------
-        >>> DataTable.from_table(Table("Peaks [N]", Column("joint", ["rail"], words=True))).title
+        >>> DataTable.from_table(Table("Peaks", Column("joint", ["rail"], words=True), unit="N")).title
         'Peaks'
         """
         data = table_data(table)
         columns = tuple((column["name"], column["unit"]) for column in data["columns"])
-        title = _UNIT_AT_END.sub("", table.title)
-        return cls(title, columns, tuple(map(tuple, data["rows"])))
+        return cls(table.title + table.detail, columns, tuple(map(tuple, data["rows"])))
 
     def rows(self) -> list[dict[str, Any]]:
         """One dictionary for each row.
@@ -96,10 +94,6 @@ class DataTable:
         return frame
 
 
-_UNIT_AT_END = re.compile(r" \[[^\]]*\]$")
-"""Unit at the end of a title."""
-
-
 def report_data(blocks: Sequence[Block]) -> dict[str, Any]:
     """Verdict (None without one), sentences, tables and notes of a report, for JSON."""
     verdict: str | None = None
@@ -138,7 +132,7 @@ def table_data(table: Table) -> dict[str, Any]:
             columns.append({"name": f"{name} limit", "unit": unit})
             cells_by_column.append([_number(limit) for limit in number_column.limits])
     rows = [list(row) for row in zip(*cells_by_column, strict=True)]
-    return {"title": table.title, "columns": columns, "rows": rows}
+    return {"title": table.heading, "columns": columns, "rows": rows}
 
 
 def plain(block: Block | Cell) -> str:

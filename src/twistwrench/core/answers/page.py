@@ -514,7 +514,7 @@ def table_html(table: Table) -> str:
         row_class = f' class="{style}"' if style else ""
         row_cells = "".join(cells[k] for cells in cells_by_column)
         rows.append(f"<tr{row_class}>{row_cells}</tr>")
-    title = _escape(table.title)
+    title = _escape(table.heading)
     caption = f"<caption>{title}</caption>" if title else ""
     return (
         f'<figure class="table"><div class="scroll" tabindex="0" role="group" aria-label="{title or "Table"}"><table>{caption}'

@@ -62,7 +62,15 @@ def shorten_table(table: Table, hint: str, rows: int | None = None, uncut_rows: 
     omitted = by_share[selected_count:]
     columns = [_selected_rows(column, selected) for column in table.columns]
     styles = [table.styles[k] for k in selected]
-    short = Table(table.title, *columns, styles=styles, style=table.style, level=table.level)
+    short = Table(
+        table.title,
+        *columns,
+        detail=table.detail,
+        unit=table.unit,
+        styles=styles,
+        style=table.style,
+        level=table.level,
+    )
     if not hint:
         return [short]
     bound = ""

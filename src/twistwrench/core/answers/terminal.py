@@ -139,8 +139,7 @@ def _with_first_tables(blocks: list[Block], count: int) -> list[Block]:
         if not is_short_table or table_count <= count:
             remaining_blocks.append(block)
         elif isinstance(block, Table):
-            words_before_mark, *_ = re.split(r"[:,(]", block.title)
-            omitted_titles.append(words_before_mark.strip())
+            omitted_titles.append(block.title)
         else:
             omitted_titles.append("tree")
     if omitted_titles:
@@ -222,8 +221,8 @@ class TerminalTable(table.Table):
 
     def __init__(self, content: Table, *, narrow: bool = False) -> None:
         title = None
-        if content.title:
-            title = Text(content.title, style=terminal_style(content.style), no_wrap=True, overflow="ignore")
+        if content.heading:
+            title = Text(content.heading, style=terminal_style(content.style), no_wrap=True, overflow="ignore")
         super().__init__(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
         columns = list(content.columns)
         if narrow:

@@ -142,11 +142,12 @@ def _group_table(found: ExcitingMotion) -> Table:
     all_units = ", ".join(dict.fromkeys(units))  # each unit once
     column = partial(numbers, unit=all_units, headed=False)
     return Table(
-        f"{base.count} groups of parameters, and how sure a log of the motion makes them",
+        f"{base.count} groups of parameters",
         words("group", found.groups),
         words("unit", units, fold=False),
         column("file", base.project(base.unknown.file_values)),
         column("deviation", found.predicted_deviations, lambda sigma: number(sigma, 2)),
         numbers("of prior", found.shares_of_prior, lambda share: percent(share, 2)),
+        detail=", and how sure a log of the motion makes them",
         level=Level.ALL,
     )

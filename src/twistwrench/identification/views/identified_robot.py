@@ -279,10 +279,11 @@ def _full_form(found: IdentifiedRobot) -> Iterator[str | Table]:
     is_angular = Coordinates.from_model(found.original.model).angular_velocity
     torque_unit = heading_unit("tau", is_angular)
     yield Table(
-        "Unexplained share of the torques, in rows held out",
+        "Unexplained share of the torques",
         words("joint", found.held_out.joints),
         numbers("held out", found.held_out.joints.values(), lambda share: percent(share, 3)),
         numbers("size", found.sigma, unit=torque_unit),  # standard deviations of the residuals
+        detail=", in rows held out",
         level=Level.ALL,
     )
     yield _groups_table(found)

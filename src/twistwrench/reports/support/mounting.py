@@ -184,11 +184,12 @@ class MotionMounting:
         rows = [row for _, row in largest_components.values()]
         times = self.time[rows]
         wrench_table = Table(
-            f"On the foundation, at {self.load.frame}",
+            "On the foundation",
             words("component", list(largest_components)),
             numbers("largest", values, _four_digits),
             words("unit", [_unit(name) for name in largest_components]),
             numbers("when", times.tolist(), seconds, "s"),
+            detail=f", at {self.load.frame}",
         )
         if self.pattern is None:
             return [wrench_table]
@@ -198,13 +199,13 @@ class MotionMounting:
         """Table of the robot's pull and shear at each bolt, and of its preload if known."""
         axial, shear = np.moveaxis(self.pulls(pattern), -1, 0)  # (n, k) each
         largest_pulls = axial.max(axis=0)
-        title = "Bolts"
+        detail = ""
         preload_column = None
         if pattern.preload is not None:
-            title = "Bolts, by the robot alone"
+            detail = ", by the robot alone"
             preload_column = numbers("preload", pattern.preload, _four_digits, "N")
         return Table(
-            title,
+            "Bolts",
             words("bolt", [str(k + 1) for k in range(len(largest_pulls))]),
             numbers("x", 1e3 * pattern.places[:, 0], _four_digits, "mm"),
             numbers("y", 1e3 * pattern.places[:, 1], _four_digits, "mm"),
@@ -213,6 +214,7 @@ class MotionMounting:
             numbers("least", axial.min(axis=0), _four_digits, "N"),  # pull
             numbers("shear", shear.max(axis=0), _four_digits, "N"),
             preload_column,
+            detail=detail,
             most=_MAX_BOLT_ROWS,
             by=largest_pulls.tolist(),
         )

@@ -39,9 +39,9 @@ def contact_tables(found: GroundSupport) -> Iterator[Table]:
     """Table of the forces on each frame in contact, and of the friction that they use; none if no forces balance."""
     if not found.balanced.any():
         return
-    title = "Forces of the ground"
+    detail = ""
     if (found.aground & ~found.balanced).any():
-        title += ", where they balance"
+        detail = ", where they balance"
     forces_by_frame = [_forces_on_frame(found, frame) for frame in found.ground.frames]
     max_pressing = [forces.max_pressing for forces in forces_by_frame]
     friction_column = None
@@ -49,13 +49,14 @@ def contact_tables(found: GroundSupport) -> Iterator[Table]:
         shares = [forces.share_of_friction for forces in forces_by_frame]
         friction_column = numbers("of friction", shares, share_cell)
     yield Table(
-        title,
+        "Forces of the ground",
         words("frame", found.ground.frames),
         numbers("pressing", max_pressing, _force_text, "N"),
         numbers("when", [forces.time for forces in forces_by_frame], seconds, "s"),
         numbers("least", [forces.min_pressing for forces in forces_by_frame], _force_text, "N"),
         numbers("sideways", [forces.max_sideways for forces in forces_by_frame], _force_text, "N"),
         friction_column,
+        detail=detail,
         most=_MAX_ROWS,
         by=max_pressing,  # a short report has the frames with the largest forces
     )
