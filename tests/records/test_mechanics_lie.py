@@ -36,9 +36,17 @@ V = np.array([0.31, -0.52, 0.87, 1.4, -2.3, 0.6])
 V3 = np.concatenate(
     [W3, [[1.4, -2.3, 0.6], [0.2, 3.1, -1.1], [-0.4, 0.9, 2.2], [1.3, 0.7, -0.8], [0.5, -1.5, 2.5]]], axis=1
 )
-T_ab = se3.exp(V)
-T3 = se3.exp(V3)
+T_ab = se3._exp(V)
+T3 = se3._exp(V3)
 F = np.array([0.7, -1.9, 2.3, -4.1, 0.9, 3.3])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def not_compiled():
+    """The NumPy formulas of exp and log, whatever other tests have compiled."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled_forms, "compiler", None)
+        yield
 
 
 def tried(call):
@@ -142,7 +150,6 @@ def rotations_by_half_a_turn_and_almost():
 @records.of
 def largest_angles_that_are_computed():
     return {
-        "exp": so3.exp([1e160, -2e160, 2e160]).round(6) @ [1, 0, 0] * 0,
         "within reach": [series.within_reach(np.array(x)) for x in ([3e80, -4e80, 0.0], [3e60, -4e60, 0.0])],
         "within reach, many": series.within_reach(np.array([[3e80, -4e80, 0.0], [0.3, 0.4, 1.2], [np.nan, 1, 1]])),
         "left jacobian": so3.left_jacobian([3e80, -4e80, 0.0]),
@@ -390,7 +397,7 @@ def screw_axes():
     ]
     answers["refused"] = [
         tried(lambda: axis.screw_axis([0, 0, 0])),
-        tried(lambda: axis.screw_axis([1, np.inf, 0])),
+        tried(lambda: axis.screw_axis([1, np.nan, 0])),
         tried(lambda: axis.axis_of(np.zeros(6))),
         tried(lambda: axis.line_of_action([np.nan, 0, 0, 1, 0, 0])),
         tried(lambda: axis.screw_axis(W3[:3], W3[:2])),
