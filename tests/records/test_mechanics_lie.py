@@ -493,6 +493,10 @@ def reciprocity_within_a_limit():
             F_s.is_reciprocal_to(-V_s, 2e-3),
         ]
     answers["many"] = Wrench(V3, "s").is_reciprocal_to(V_s, 0.1)
+    many = Twist(np.array([[0, 0, 2.0, 0, 3.0, 0], [0, 0, 200.0, 0, 300.0, 0], [0, 1.0, 0, 0, 0, 5.0]]), "s")
+    answers["twists of different sizes"] = [
+        Wrench([0, 0.3, 0.02, 0, 0, 4.0], "s").is_reciprocal_to(many, within) for within in (1e-3, 6e-3, 0.1, 2.0)
+    ]
     answers["power, not lever"] = [
         Wrench([0, 0, 3.0, 0, -2.0, 0], "s").is_reciprocal_to(V_s),
         Wrench([0, 0, 3.0, 0, 2.0, 0], "s").is_reciprocal_to(V_s),
