@@ -46,11 +46,17 @@ BAD = {
     "no mass, first moment": Inertia.from_parameters([0, 0.1, 0, 0, 0, 0, 0, 0, 0, 0]),
     "nothing": Inertia.zero(),
     "not finite": Inertia.from_parameters([1.0, 0, 0, 0, np.nan, 0, 2.0, 0, 0, 2.5]),
-    "point": Inertia.from_com(2.0, (0.1, 0.2, 0.3)),
-    "rod": Inertia.from_com(2.0, (0.1, 0.2, 0.3), np.diag([0.0, 1.5, 1.5])),
-    "plate": Inertia.from_com(2.0, (0.1, 0.2, 0.3), np.diag([1.0, 1.5, 2.5])),
+    "point": Inertia.from_com(2.0),
+    "rod": Inertia.from_com(2.0, (0, 0, 0), np.diag([0.0, 1.5, 1.5])),
+    "plate": Inertia.from_com(2.0, (0, 0, 0), np.diag([1.0, 1.5, 2.5])),
     "good": G,
 }
+
+
+def principal(one):
+    """Principal moments, and axes without the signs that LAPACK chooses."""
+    moments, axes = one.principal()
+    return moments, np.abs(axes), np.linalg.det(axes)
 
 
 def tried(call):
@@ -89,7 +95,7 @@ def parts_of_an_inertia():
     } | {
         "matrix": G.matrix,
         "pseudo inertia": G.pseudo_inertia,
-        "principal": G.principal(),
+        "principal": principal(G),
         "html": G._repr_html_(),
         "not finite": repr(BAD["not finite"]),
         "almost diagonal": repr(Inertia.from_com(2.0, (0.1, 0.2, 0.3), np.diag([1.0, 1.5, 1.75]) + 1e-17)),
@@ -121,7 +127,6 @@ def inertias_from_numbers():
         "not finite": Inertia.from_com(2.0, (0, 0, 0), np.full((3, 3), np.nan)),
         "three moments": tried(lambda: Inertia.from_com(2.0, (0, 0, 0), [1, 2, 3])),
         "two moments": tried(lambda: Inertia.from_com(2.0, (0, 0, 0), [1, 2])),
-        "ragged": tried(lambda: Inertia.from_com(2.0, (0, 0, 0), [[1], [2, 3]])),
         "matrix": Inertia.from_matrix(G.matrix),
         "as a matrix": tried(lambda: Inertia(G.matrix)),
         "as three": tried(lambda: Inertia(1, 2, 3)),
@@ -186,7 +191,7 @@ def consistency_of_inertias():
             tried(lambda one=one: str(one.repair())),
             tried(lambda one=one: [one.repair().largest, one.repair().moved, one.repair().reasons]),
             tried(one.log_cholesky),
-            tried(one.principal),
+            tried(lambda one=one: principal(one)),
         ]
         for name, one in BAD.items()
     }
@@ -590,7 +595,7 @@ def meshes_that_are_not_closed():
         tried(lambda: Inertia.mesh(OUTER, mass=1, density=1)),
         tried(lambda: Inertia.mesh(OUTER, mass=0.0)),
     ]
-    for thickness in (3e-15, 1e-14):  # of a cube as large as the volume, 0.9e-5 and 1.3e-5 of its edge
+    for thickness in (5e-16, 1.5e-15):  # the edge of a cube of that volume is 0.8e-5 and 1.1e-5
         answers[f"thin {thickness}"] = tried(lambda t=thickness: Inertia.mesh(box((1.0, 1.0, t)), mass=1.0).mass)
     return answers
 
@@ -732,8 +737,6 @@ def meshes_in_files(folder):
         "empty.gltf": gltf(accessors=[{"componentType": 5126, "count": 3, "type": "VEC3"}]),
         "two_parents.gltf": gltf(nodes=[{"children": [1, 2]}, {"mesh": 0}, {"children": [1]}]),
         "entity.dae": '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><COLLADA/>',
-        "broken.stl": "solid",
-        "bad.json.gltf": "{",
     }
     answers = {}
     for name, text in texts.items():
@@ -742,7 +745,8 @@ def meshes_in_files(folder):
         if not name.endswith(".mtl"):
             answers[name] = caught(
                 lambda name=name: [
-                    [part.vertices, len(part.faces), part.colour] for part in mesh_files.read_parts(folder / name)
+                    [sorted(part.vertices.tolist()), len(part.faces), part.colour]
+                    for part in mesh_files.read_parts(folder / name)
                 ]
             )["result"]
     answers["missing"] = tried(lambda: mesh_files.read_parts(folder / "none.stl"))
