@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,7 +73,11 @@ def caught(call):
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         result = tried(call)
-    return {"result": result, "warnings": [f"{x.category.__name__}: {x.message}" for x in found]}
+    return {
+        "result": result,
+        "warnings": [f"{x.category.__name__}: {x.message}" for x in found],
+        "where": {Path(x.filename).name for x in found},
+    }
 
 
 # ── Inertias
@@ -584,6 +589,7 @@ def meshes_that_are_not_closed():
         "no such vertex": (vertices, faces + 1),
         "negative vertex": (vertices, faces - 1),
         "shape": (vertices[:, :2], faces),
+        "edges": (vertices, faces[:, :2]),
         "no faces": (vertices, np.zeros((0, 3), int)),
         "three": (vertices, faces, 1),
         "number": 3.0,
@@ -676,6 +682,20 @@ def points_inside_of_shells():
             closed.holds(np.array([points["in the solid"], points["far"]])),
         ],
         "reaches": closed.reaches(np.array([*points.values()])),
+        "tetrahedron": [
+            enclosure.Enclosure(*TETRAHEDRON).holds(np.array([p]))
+            for p in (
+                [0.3, 0.3, 0.4],
+                [0.8, 0.7, 1.2],
+                [0.85, 0.15, 0.25],
+                [0.6, 0.45, 0.15],
+                TETRAHEDRON[0][:3].mean(axis=0),
+            )
+        ],
+        "inward tetrahedron": [
+            enclosure.Enclosure(TETRAHEDRON[0], TETRAHEDRON[1][:, ::-1]).holds(np.array([p]))
+            for p in ([0.3, 0.3, 0.4], [0.8, 0.7, 1.2])
+        ],
         "inward": enclosure.Enclosure(OUTER[0], OUTER[1][:, ::-1]).holds(np.array([[0.1, 0.2, 0.3]])),
         "cutting": enclosure.Enclosure(*together(OUTER, ACROSS)).holds(np.array([[0.55, 0.2, 0.3]])),
         "shells": [[len(shell.triangles), shell.closed, *shell.box] for shell in mixed.shells],
