@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,7 +63,8 @@ def caught(call):
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         result = call()
-    return {"result": result, "warnings": [f"{x.category.__name__}: {x.message}" for x in found]}
+    texts = [f"{x.category.__name__}: {x.message}" for x in found]
+    return {"result": result, "warnings": texts, "where": {Path(x.filename).name for x in found}}
 
 
 @records.of

@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import pickle
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,7 +114,8 @@ def caught(call):
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         result = tried(call)
-    return {"result": result, "warnings": [f"{x.category.__name__}: {x.message}" for x in found]}
+    texts = [f"{x.category.__name__}: {x.message}" for x in found]
+    return {"result": result, "warnings": texts, "where": {Path(x.filename).name for x in found}}
 
 
 # ── Models
@@ -476,6 +478,33 @@ def poses_that_are_snapped():
     return answers
 
 
+@records.of(relative=1e-4)
+def shifts_by_snapping():
+    """What snapping moves, in billionths."""
+    one_zero = so3._exp(np.array([0, 0.4, 0])) @ so3._exp(np.array([0.9, 0, 0]))
+    shift = 1e-10 * np.array([[1.0, -2.0, 3.0], [2.0, 1.5, -1.0], [-3.0, 1.0, 2.0]])
+    turned = [np.roll(np.roll(one_zero + shift, i, axis=0), j, axis=1) for i in range(3) for j in range(3)]
+    block = so3._exp(np.array([0, 0.7, 0])) + shift
+    return [1e9 * (snapping.snap_rotation(R) - R) for R in (*turned, block, block.T)]
+
+
+@records.of
+def what_is_compared_by_its_values():
+    motor = Motor(0.05)
+    pairs = {
+        "actuators": [Actuator("a"), Actuator("a")],
+        "motors": [motor, Motor(0.05)],
+        "thermal": [Thermal(1.0, 2.0), Thermal(1.0, 2.0)],
+        "rotors": [Rotor(1.0), Rotor(1.0)],
+        "springs": [Spring((("a", 1.0),), 2.0), Spring((("a", 1.0),), 2.0)],
+        "closures": [OfferedClosure("a", "b"), OfferedClosure("a", "b")],
+        "couplings": [Coupling("c", ("a",), ("b",), [[1.0]]), Coupling("c", ("a",), ("b",), [[1.0]])],
+        "models": [chain(3), copy.deepcopy(chain(3))],
+        "bodies": [chain(3).bodies[0], copy.deepcopy(chain(3)).bodies[0]],
+    }
+    return {name: [one == one, one == other, hash(one) == hash(other)] for name, (one, other) in pairs.items()}
+
+
 @records.of
 def coordinates_by_name():
     model = tree()
@@ -681,6 +710,16 @@ def actuators_that_cannot_be():
         "place": {"rotor": Rotor(1e-5, place=(np.inf, 0, 0))},
         "far place": {"rotor": Rotor(1e-5, place=(2e12, 0, 0))},
         "rotor": {"rotor": Rotor(0.0)},
+        "largest place": {"rotor": Rotor(1e-5, place=(0, -1e12, 0))},
+        "least numbers": {"ratio": 1e-6, "stiffness": 1e-18, "rotor": Rotor(1e-18), "motor": Motor(1e-18)},
+        "largest numbers": {
+            "ratio": -1e9,
+            "stiffness": 1e12,
+            "no_load_torque": 1e12,
+            "rotor": Rotor(1e12, mass=1e12),
+            "motor": Motor(1e12, 1e12),
+        },
+        "equal currents": {"motor": Motor(**motor, current_continuous=4.0, current_peak=4.0)},
         "rotor of negative mass": {"rotor": Rotor(1e-5, mass=-1.0)},
         "currents": {"motor": Motor(**motor, current_continuous=5.0, current_peak=4.0)},
         "torque constant": {"motor": Motor(0.0)},
@@ -801,6 +840,7 @@ def friction_laws_that_are_added():
         "low static": {"joint1": {"coulomb": 1.0, "static": 0.5, "stribeck": 0.1}},
         "negative": {"joint1": {"viscous": -1.0}},
         "huge": {"joint1": {"viscous": 2e12}},
+        "largest": {"joint1": {"viscous": 1e12}},
         "load": {"joint1": {"load": 1.0}},
         "zero stribeck": {"joint1": {"coulomb": 1.0, "static": 2.0, "stribeck": 0.0}},
     }
@@ -827,6 +867,11 @@ def friction_laws_that_are_added():
     return answers
 
 
+def nearly_parallel(angle):
+    """Two columns with an angle between them: singular values √2 and angle/√2."""
+    return [[1.0, 1.0], [0.0, angle]]
+
+
 @records.of
 def couplings_of_drives():
     model = chain(5)
@@ -841,6 +886,9 @@ def couplings_of_drives():
         "repeated motor": lambda: Coupling("c", ("a", "a"), ("x", "y"), square),
         "repeated joint": lambda: Coupling("c", ("a", "b"), ("y", "y"), square),
         "infinite": lambda: Coupling("c", ("a", "b"), ("x", "y"), [[np.inf, 0], [0, 1]]),
+        "largest": lambda: Coupling("c", ("a", "b"), ("x", "y"), [[1e12, 0], [0, 1]]).name,
+        "barely singular": lambda: Coupling("c", ("a", "b"), ("x", "y"), nearly_parallel(1.6e-9)),
+        "barely regular": lambda: Coupling("c", ("a", "b"), ("x", "y"), nearly_parallel(2.4e-9)).name,
         "huge": lambda: Coupling("c", ("a", "b"), ("x", "y"), [[2e12, 0], [0, 1]]),
         "inverted": lambda: Coupling("c", ("a", "b"), ("x", "y"), square, inverted=True).motor_per_joint,
         "inverse": lambda: Coupling("c", ("a", "b"), ("x", "y"), square).joint_per_motor,
@@ -968,6 +1016,7 @@ def joints_that_are_locked():
         "three": (model, {"wrist": [1, 0, 0]}),
         "infinite": (model, {"lift": np.inf}),
         "floating": (floating(), {"root_joint": [0.9, 0.2, -0.3, 0.1, 1.0, 2.0, 3.0]}),
+        "floating and hip": (floating(), {"hip": 0.3, "root_joint": [0.9, 0.2, -0.3, 0.1, 1.0, 2.0, 3.0]}),
         "elastic": (driven(), {"joint4": 0.3}),
         "coupled": (coupled(), {"joint4": 0.3}),
         "all coupled": (coupled(), {"joint4": 0.3, "joint2": -0.2}),
@@ -1282,8 +1331,13 @@ def branched(branches, turn=(0.0, 0.0, 0.0), base=5.0, mass=1.0, **options):
     builder = ModelBuilder("made")
     builder.gravity = so3._exp(np.asarray(turn, float)).T @ [0.0, 0.0, -9.81]
     builder.add_link("base", tw.SpatialInertia.box([0.2, 0.2, 0.1], mass=base), shaped=True)
+    root = "base"
+    for n in range(options.get("waist", 0)):
+        builder.add_link(f"waist{n}", tw.SpatialInertia.box([0.2, 0.2, 0.1], mass=1.0))
+        builder.add_joint(f"w{n}", "revolute", root, f"waist{n}", axis=(0, 0, 1))
+        root = f"waist{n}"
     for k, (place, heading, steps) in enumerate(branches):
-        carrier, T = "base", placed((0, 0, heading), place)
+        carrier, T = root, placed((0, 0, heading), place)
         weight = mass if np.ndim(mass) == 0 else mass[k]
         for n, (dx, dz) in enumerate(steps):
             name = f"b{k}_{n}"
@@ -1332,6 +1386,16 @@ def legs_that_are_found():
             [*quad[:3], ((-0.3, -0.2, 0.0), 0.0, [(0.0, -0.02), (-0.1, -0.2), (0.1, -0.19)])]
         ),
         "one joint": branched([((x, y, 0.0), 0.0, [(0.0, -0.5)]) for x in (0.3, -0.3) for y in (0.2, -0.2)]),
+        "one joint in one leg": branched(
+            [
+                ((0.0, 0.1, 0.0), 0.0, down),
+                ((0.1, -0.1, 0.0), 0.0, [(0.0, -0.82)]),
+                ((-0.1, -0.1, 0.0), 0.0, [(0.0, -0.82)]),
+            ]
+        ),
+        "waist": branched(quad, waist=1),
+        "waist of two": branched([*quad[:3], ((-0.3, -0.2, 0.0), 0.0, [(-0.1, -0.22), (0.1, -0.2)])], waist=2),
+        "waist of three": branched([*quad[:3], ((-0.3, -0.2, 0.0), 0.0, [(-0.1, -0.22), (0.1, -0.2)])], waist=3),
         "lying": branched([*quad, ((0.0, 0.0, 0.1), 0.0, up)], turn=(0.0, np.pi / 2, 0.0), mass=[1, 1, 1, 1, 3]),
         "lying, light arm": branched(
             [*quad, ((0.0, 0.0, 0.1), 0.0, up)], turn=(0.0, np.pi / 2, 0.0), mass=[1, 1, 1, 1, 0.5]
