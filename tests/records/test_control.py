@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
+from recorded_declarations import declarations
 from recorded_robots import chain, coupled, driven, placed, state, tree
 
 import twistwrench as tw
@@ -237,6 +238,84 @@ def gains_that_cannot_be():
     return answers
 
 
+class Named:
+    """Numbers with names, in another order than the robot's, as a table of pandas has them."""
+
+    def __init__(self, values, names):
+        order = np.roll(np.arange(len(names)), 1)
+        self.columns = [names[k] for k in order]
+        self.values = np.asarray(values)[..., order]
+
+    def to_numpy(self):
+        return self.values
+
+
+@records.of
+def numbers_with_names_in_another_order():
+    one = robot()
+    q, dq = at()
+    names = one.model.velocity_names
+    turned = [name + "?" for name in names]
+    pd = PD(one, Named(0.1 * K, names), Named(10.0 * K, names), Named(3.0 / K, names))
+    moving = PD(one, lambda t: tuple(Named(x, names) for x in joints(t)), 10.0, 3.0)
+    task = TaskSpace(
+        one,
+        start_and_end()[0],
+        25.0,
+        Named([7.0, 6.0], ("vx", "wy")),
+        rows="vx wy",
+        posture=Named(0.1 * K, names),
+        posture_kp=Named(K, names),
+        posture_kd=Named(2.0 / K, names),
+    )
+    observer = MomentumObserver(one, 20.0)
+    t, qs, dqs, taus = log_of_joints(one, 4)
+    return {
+        "PD": [
+            pd(0.4, q, dq),
+            pd(0.4, Named(q, names), Named(dq, names)),
+            moving(0.4, q, dq),
+            ComputedTorque(one, lambda t: tuple(Named(x, names) for x in joints(t)), 10.0, 3.0)(0.4, q, dq),
+        ],
+        "task": [
+            task(0.4, q, dq),
+            task(0.4, Named(q, names), Named(dq, names)),
+            Impedance(one, start_and_end()[0], Named([25.0, 9.0], ("vx", "wy")), 7.0, rows="vx wy")(0.4, q, dq),
+        ],
+        "observer": [
+            observer.update(0.0, Named(q, names), Named(dq, names), Named(K, names)),
+            observer.update(0.1, Named(q, names), Named(dq, names), Named(K, names)),
+            observer.over(t, Named(qs, names), Named(dqs, names), Named(taus, names)),
+            observer.wrench(Named(q, names), residual=Named(K, names)).wrench,
+        ],
+        "other names": [
+            tried(lambda: PD(one, Named(K, turned), 1.0, 1.0)),
+            tried(lambda: PD(one, K, Named(K, turned), 1.0)),
+            tried(lambda: pd(0.4, Named(q, turned), dq)),
+            tried(lambda: observer.update(0.3, q, dq, Named(K, turned))),
+        ],
+    }
+
+
+@records.of
+def laws_that_are_compared():
+    one = robot()
+    T, _ = start_and_end()
+    pairs = {
+        "PD": [PD(one, K, 1.0, 2.0) for _ in range(2)],
+        "ComputedTorque": [ComputedTorque(one, K, 1.0, 2.0) for _ in range(2)],
+        "TaskSpace": [TaskSpace(one, T, 1.0, 2.0, rows="vx") for _ in range(2)],
+        "Impedance": [Impedance(one, T, 1.0, 2.0, rows="vx") for _ in range(2)],
+        "PoseMotion": [PoseMotion(time_scalings.screw_path(T, T), time_scalings.cubic(1.0)) for _ in range(2)],
+        "ContactWrench": [ContactWrench(np.ones(6), np.zeros((0, 6)), np.ones(2), "a", 6) for _ in range(2)],
+        "MomentumObserver": [MomentumObserver(one, 1.0) for _ in range(2)],
+        "ResidualThreshold": [
+            residual_threshold.ResidualThreshold(MomentumObserver(one, 1.0), K, K, 1.0, 2.0, 3) for _ in range(2)
+        ],
+    }
+    return {name: [a == b, repr(a).split("(")[0].split(" ")[0]] for name, (a, b) in pairs.items()}
+
+
 # ── Laws of the tip
 
 ROWS = {
@@ -441,6 +520,7 @@ def observers_that_cannot_be():
         "times": lambda: observer.over(np.zeros((2, 2)), q, dq, tau),
         "no times": lambda: observer.over([], q[:0], dq[:0], tau[:0]),
         "order": lambda: observer.over(t[::-1], q, dq, tau),
+        "one row out of order": lambda: observer.over([0.0, 0.2, 0.1], q, dq, tau),
         "rows that are not finite": lambda: observer.over(t, q, dq * np.inf, tau),
         "not a law": lambda: observer.watch(3),
         "short torques": lambda: MomentumObserver(one, 30.0).watch(lambda t, q, dq: [1.0])(0.3, q[0], dq[0]),
@@ -541,6 +621,11 @@ def parts_of_thresholds():
         ),
         "directions": residual_threshold._DIRECTIONS,
     }
+
+
+@records.of
+def constants_and_defaults():
+    return declarations("twistwrench.control")
 
 
 @pytest.mark.parametrize("name", records.names)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
+from recorded_declarations import declarations
 
 import twistwrench as tw
 from twistwrench.mechanics.joints import JOINT_TYPES, RotorJoint, joint, screw_joint, units
@@ -284,6 +285,11 @@ def units_of_quantities():
         "words": [units.torque_word("N m"), units.torque_word("N")],
         "kinds": list(JOINT_TYPES),
     }
+
+
+@records.of
+def constants_and_defaults():
+    return declarations("twistwrench.mechanics.joints")
 
 
 @pytest.mark.parametrize("name", records.names)

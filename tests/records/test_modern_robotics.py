@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
+from recorded_declarations import declarations
 from recorded_robots import GRAVITY, chain, coupled, driven, floating, placed, state, tree
 
 import twistwrench.modern_robotics as mr
@@ -468,6 +469,11 @@ def plots_of_controlled_motions():
         }
         plt.close("all")
     return answer
+
+
+@records.of
+def constants_and_defaults():
+    return declarations("twistwrench.modern_robotics")
 
 
 @pytest.mark.parametrize("name", records.names)
