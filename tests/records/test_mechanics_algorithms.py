@@ -491,6 +491,7 @@ def some_constraints():
         constraints.Closure("tool", "wheel", (1,), pose),
         constraints.Closure("cart", "mirror", (0, 2, 4), pose),
         constraints.Rolling("thumb", (2,), "body"),
+        constraints.Closure("mirror", "hand", (4,), pose),
     )
 
 
@@ -498,15 +499,15 @@ def some_constraints():
 def constraints_of_a_tree():
     model = tree()
     q, dq, _, tau = state(model)
-    all_six = some_constraints()
-    few = all_six[:3]
+    several = some_constraints()
+    few = several[:3]
     return {
-        "names": [constraints.names(all_six), constraints.row_names(all_six), constraints.with_gaps(all_six)],
-        "independent": constraints.independent_constraints(all_six, (0, 2, 3, 5, 6, 9)),
-        "poses": constraints.closure_poses(model, q, all_six),
-        "no poses": constraints.closure_poses(model, q, all_six[1:2]).shape,
-        "jacobian": numbers(constraints.constraint_jacobian(model, q, all_six)),
-        "bias": numbers(constraints.constraint_bias(model, q, dq, all_six)),
+        "names": [constraints.names(several), constraints.row_names(several), constraints.with_gaps(several)],
+        "independent": constraints.independent_constraints(several, (0, 2, 3, 5, 6, 9)),
+        "poses": constraints.closure_poses(model, q, several),
+        "no poses": constraints.closure_poses(model, q, several[1:2]).shape,
+        "jacobian": numbers(constraints.constraint_jacobian(model, q, several)),
+        "bias": numbers(constraints.constraint_bias(model, q, dq, several)),
         "dynamics": list(map(numbers, constraints.constrained_dynamics(model, q, dq, tau, wrenches_of(model), few))),
         "dynamics without wrenches": list(
             map(numbers, constraints.constrained_dynamics(model, q, dq, tau, constraints=few))
@@ -517,22 +518,22 @@ def constraints_of_a_tree():
             tried(lambda: constraints.place_of(model, "nowhere")),
         ],
         "small gaps": [
-            numbers(loop_closure.small_gaps(model, q, [constraints.Closure("tool", "wheel", rows, all_six[0].pose)]))
+            numbers(loop_closure.small_gaps(model, q, [constraints.Closure("tool", "wheel", rows, several[0].pose)]))
             for rows in CLOSURE_ROWS
         ],
         "gaps": [
             loop_closure.closure_gaps(
-                [constraints.Closure("tool", "wheel", rows, all_six[0].pose)],
-                constraints.closure_poses(model, q, all_six[:1]),
+                [constraints.Closure("tool", "wheel", rows, several[0].pose)],
+                constraints.closure_poses(model, q, several[:1]),
             )
             for rows in CLOSURE_ROWS
         ],
         "gaps of many": loop_closure.closure_gaps(
-            all_six, np.stack([constraints.closure_poses(model, x, all_six) for x in (q, 0.5 * q)])
+            several, np.stack([constraints.closure_poses(model, x, several) for x in (q, 0.5 * q)])
         ),
         "no gaps": [
-            loop_closure.small_gaps(model, q, all_six[1:2]),
-            loop_closure.closure_gaps(all_six[1:2], np.zeros((3, 0, 4, 4))).shape,
+            loop_closure.small_gaps(model, q, several[1:2]),
+            loop_closure.closure_gaps(several[1:2], np.zeros((3, 0, 4, 4))).shape,
         ],
     }
 
@@ -541,9 +542,9 @@ def constraints_of_a_tree():
 def states_on_closed_loops():
     model = tree()
     q, dq, *_ = state(model)
-    all_six = some_constraints()[:3]
+    several = some_constraints()[:3]
     poses = [
-        tuple(map(tuple, (constraints.closure_poses(model, q, (c,))[0]).tolist())) for c in (all_six[0], all_six[2])
+        tuple(map(tuple, (constraints.closure_poses(model, q, (c,))[0]).tolist())) for c in (several[0], several[2])
     ]
     near = tuple(
         constraints.Closure(
@@ -557,9 +558,9 @@ def states_on_closed_loops():
                 )
             ),
         )
-        for c, pose in zip((all_six[0], all_six[2]), poses, strict=True)
+        for c, pose in zip((several[0], several[2]), poses, strict=True)
     )
-    near = (near[0], all_six[1], near[1])
+    near = (near[0], several[1], near[1])
     rows = loop_closure.LoopRows(near, (0, 2, 3, 5))
     return {
         "indices": rows.indices,

@@ -298,14 +298,19 @@ def coupled():
         chain(5),
         [
             Coupling("elbow", ("inner", "outer"), ("joint4", "joint2"), [[1.2, -0.4], [0.7, 2.1]]),
-            Coupling("alone", ("last",), ("joint1",), [[-3.0]]),
+            Coupling("ends", ("last", "first"), ("joint1", "joint5"), [[-3.0, 0.5], [0.8, 1.7]]),
         ],
     )
-    model = edit.with_armature(model, {"inner": 0.03, "outer": 0.05, "last": 0.02})
+    model = edit.with_armature(model, {"inner": 0.03, "outer": 0.05, "last": 0.02, "first": 0.07})
     model = actuation.with_actuators(
-        model, [Actuator("outer", 12.0, 0.75, 0.05, Motor(0.06, 0.5)), Actuator("joint5", 31.0, 0.9, 0.01, Motor(0.04))]
+        model,
+        [
+            Actuator("outer", 12.0, 0.75, 0.05, Motor(0.06, 0.5)),
+            Actuator("joint3", 31.0, 0.9, 0.01, Motor(0.04)),
+            Actuator("first", 21.0, 0.8, 0.02, Motor(0.07, 0.3)),
+        ],
     )
-    return actuation.with_friction(model, laws(("joint5", "inner", "joint3", "outer", "last")))
+    return actuation.with_friction(model, laws(("first", "inner", "joint3", "outer", "last")))
 
 
 MODELS = {"tree": tree, "floating": floating, "chain": lambda: chain(7), "driven": driven, "coupled": coupled}
