@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recorded_answers import Records, refusal
 from recorded_declarations import declarations
-from recorded_robots import GRAVITY, MODELS, chain, coupled, driven, floating, placed, state, tree
+from recorded_robots import GRAVITY, MODELS, chain, coupled, driven, flat, floating, placed, state, tree
 
 import twistwrench as tw
 from twistwrench.mechanics.algorithms import (
@@ -86,7 +86,7 @@ def frames_of(model):
 def poses_of_frames():
     def answers(model, q, *_):
         return {
-            "frames": {name: numbers(kinematics.forward_kinematics(model, q, name))[:3] for name in model.all_frames},
+            "frames": flat([numbers(kinematics.forward_kinematics(model, q, name))[:3] for name in model.all_frames]),
             "links": numbers(kinematics.link_poses(model, q)),
             "places": numbers(recursion.joint_poses(model, q)),
             "of bodies": numbers(recursion.base_poses(model, recursion.joint_poses(model, q))),
@@ -101,13 +101,13 @@ def jacobians_of_frames():
         found = {}
         for kind in KINDS:
             frames = frames_of(model)
-            found[kind] = [
+            found[kind] = flat(
                 numbers([kinematics.jacobian(model, q, frame, kind) for frame in frames]),
                 numbers([kinematics.jacobian_rate(model, q, dq, frame, kind) for frame in frames]),
                 numbers(kinematics.jacobian_derivative(model, q, frames[-1], kind)),
                 numbers([kinematics.frame_velocity(model, q, dq, frame, kind) for frame in frames]),
                 numbers([kinematics.frame_acceleration(model, q, dq, ddq, frame, kind) for frame in frames]),
-            ]
+            )
         frame = frames[-1]
         found["default"] = [
             numbers(kinematics.jacobian(model, q, frame)),
@@ -224,15 +224,17 @@ def mass_matrices_and_their_factors():
         M = mass_matrix.mass_matrix(model, q)
         L, D = mass_matrix.ldl_factors(M)
         W = mass_matrix.inverse_factor(L)
-        return {
-            "M": numbers(M),
-            "composite": numbers([G.parameters for G in mass_matrix.composite_inertias(model, q)]),
-            "L": np.tril(numbers(L), -1),
-            "D": numbers(D),
-            "solved": numbers(mass_matrix.solve_ldl(L, D, tau)),
-            "inverse": numbers(mass_matrix.symmetric_product(W, D)),
-            "diagonal": numbers(mass_matrix.with_diagonal(M, np.arange(1.0, len(M) + 1))),
-        }
+        return flat(
+            {
+                "M": numbers(M),
+                "composite": numbers([G.parameters for G in mass_matrix.composite_inertias(model, q)]),
+                "L": np.tril(numbers(L), -1),
+                "D": numbers(D),
+                "solved": numbers(mass_matrix.solve_ldl(L, D, tau)),
+                "inverse": numbers(mass_matrix.symmetric_product(W, D)),
+                "diagonal": numbers(mass_matrix.with_diagonal(M, np.arange(1.0, len(M) + 1))),
+            }
+        )
 
     return of_models(answers)
 
@@ -303,12 +305,12 @@ def coriolis_matrices():
 def derivatives_of_dynamics():
     def answers(model, q, dq, ddq, tau):
         wrenches = wrenches_of(model)
-        return [
+        return flat(
             numbers(dynamics_derivatives.inverse_dynamics_derivatives(model, q, dq, ddq, wrenches)),
             numbers(dynamics_derivatives.inverse_dynamics_derivatives(model, q, dq, ddq)),
             *map(numbers, dynamics_derivatives.forward_dynamics_derivatives(model, q, dq, tau, wrenches)),
             *map(numbers, dynamics_derivatives.forward_dynamics_derivatives(model, q, dq, tau)),
-        ]
+        )
 
     return of_models(answers)
 
@@ -322,9 +324,9 @@ def factors_of_pairs_of_joints():
             "constants": [joint_pair_factors.constant_mass(model), joint_pair_factors.constant_stiffness(model)],
         }
         if found["independent"]:
-            found["mass"] = list(map(numbers, joint_pair_factors.mass_matrix_factors(model, q)))
-            found["derivatives"] = list(
-                map(numbers, joint_pair_factors.derivative_factors(model, q, dq, ddq, wrenches_of(model)))
+            found["mass"] = flat(*map(numbers, joint_pair_factors.mass_matrix_factors(model, q)))
+            found["derivatives"] = flat(
+                *map(numbers, joint_pair_factors.derivative_factors(model, q, dq, ddq, wrenches_of(model)))
             )
         return found
 
@@ -370,7 +372,7 @@ def closed_forms_of_dynamics():
         form = closed_form.closed_form(model, q, dq, wrenches_of(model))
         none = closed_form.closed_form(model, q, dq)
         return {
-            "fields": dict(vars(form)),
+            "fields": flat(vars(form)),
             "torques": [form.inverse_dynamics(ddq), none.inverse_dynamics(ddq)],
             "accelerations": form.accelerations(ddq),
             "wrenches": form.wrenches(ddq),
@@ -389,7 +391,7 @@ def friction_of_drives():
         creep = np.full(model.nv, 0.05)
         found = {"dry joints": friction.dry_friction_indices(model)}
         for name, rates in {"fast": dq, "slow": slow, "still": 0.0 * dq}.items():
-            found[name] = [
+            found[name] = flat(
                 numbers(friction.friction_forces(model, rates)),
                 numbers(friction.friction_forces(model, rates, tau)),
                 numbers(friction.torque_past_friction(model, rates, tau)),
@@ -401,7 +403,7 @@ def friction_of_drives():
                 ),
                 friction.sliding_share(rates, creep),
                 values(friction.sliding_share(symbols(rates), creep)),
-            ]
+            )
         return found
 
     x = np.array([-2.0, 0.0, 3.0], object)
@@ -803,7 +805,7 @@ def steps_of_velocities():
             options = {key: option for key, option in options.items() if "friction" not in option}
         answers[name] = {"dry": has_dry}
         for key, option in options.items():
-            answers[name][key] = [values(x) for x in contact.velocity_step(model, q, dq, h, tau, **option)]
+            answers[name][key] = flat([values(x) for x in contact.velocity_step(model, q, dq, h, tau, **option)])
             if key in ("friction", "everything"):
                 still = symbols(1e-4 * values(dq))
                 answers[name][f"{key}, slow"] = [
@@ -899,7 +901,7 @@ def newton_steps_towards_poses():
         }.items():
             passed = np.concatenate([np.zeros(7), [0.0, 0.3], np.zeros(len(step.scale)), np.zeros(7), [0.5, 1.0]])
             inputs = np.concatenate([*[target.ravel()] * len(step.frames), posture, [1e-6, 1e-4]])
-            found[where] = list(map(numbers, step(q, q, passed, inputs)))
+            found[where] = flat(*step(q, q, passed, inputs))
         answers[name] = found
     answers["constants"] = [newton_step.PATIENCE, newton_step.PROGRESS, newton_step.FIRST_RESIDUAL]
     return answers
@@ -967,10 +969,8 @@ def time_scalings_over_time():
         answers[name] = {
             "name": law.name,
             "duration": [law.duration, longer.duration],
-            "values": law(t),
-            "at one time": law(0.7),
-            "stretched": longer(t),
-            "third": None if third is None else [third(t), longer.third(t)],
+            "values": flat(law(t), law(0.7), longer(t)),
+            "third": None if third is None else flat(third(t), longer.third(t)),
         }
     answers["knots"] = [
         laws["s-curve of shares"].knots,

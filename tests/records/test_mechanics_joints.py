@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from recorded_answers import Records, refusal
 from recorded_declarations import declarations
+from recorded_robots import flat
 
 import twistwrench as tw
 from twistwrench.mechanics.joints import JOINT_TYPES, RotorJoint, joint, screw_joint, units
@@ -84,7 +85,7 @@ def tables_of_each_kind():
 
 @records.of
 def poses_and_inertias_of_each_kind():
-    return of_each(lambda one: [one.pose(coordinates(one))[:3], one.carry(G, coordinates(one)).parameters])
+    return of_each(lambda one: flat(one.pose(coordinates(one))[:3], one.carry(G, coordinates(one)).parameters))
 
 
 @records.of
@@ -94,15 +95,17 @@ def motions_of_each_kind():
         dv = np.array([0.4, -0.7, 0.9, 0.5, 1.1, -0.3])[: one.nv]
         other = coordinates(one, 1.0)
         near_turn = dv * 3.1
-        return {
-            "add": one.add(q, dv, q),
-            "add at other angles": one.add(q, dv, other),
-            "subtract": one.subtract(q, other),
-            "subtract back": one.subtract(other, q),
-            "subtract the long way": one.subtract(np.asarray(one.add(q, near_turn, q), float), q),
-            "rates": one.rates(q),
-            "slopes": [[R, dR] for R, dR in one.rotation_slopes(q)],
-        }
+        return flat(
+            {
+                "add": one.add(q, dv, q),
+                "add at other angles": one.add(q, dv, other),
+                "subtract": one.subtract(q, other),
+                "subtract back": one.subtract(other, q),
+                "subtract the long way": one.subtract(np.asarray(one.add(q, near_turn, q), float), q),
+                "rates": one.rates(q),
+                "slopes": [[R, dR] for R, dR in one.rotation_slopes(q)],
+            }
+        )
 
     return of_each(answers)
 
@@ -111,7 +114,7 @@ def motions_of_each_kind():
 def velocities_of_rows_of_each_kind():
     def answers(one):
         q, q1, q2 = (np.stack([coordinates(one, s), coordinates(one, s + 1.7)]) for s in (0.0, 0.6, -0.9))
-        return one.velocities(q, q1, q2)
+        return flat(one.velocities(q, q1, q2))
 
     return of_each(answers)
 

@@ -12,6 +12,7 @@ import pytest
 import sympy
 from recorded_answers import Records, refusal
 from recorded_declarations import declarations
+from recorded_robots import flat
 
 import twistwrench as tw
 from twistwrench.mechanics.lie import (
@@ -111,16 +112,18 @@ def exponentials_and_logarithms():
     for angle in angles:
         twist = np.concatenate([angle * unit, v])
         R, T = so3.exp(angle * unit), se3.exp(twist)
-        answers[str(angle)] = {
-            "R": R[0],
-            "p": T[:3, 3],
-            "log R": so3.log(R),
-            "log T": se3.log(T),
-            "J": so3.left_jacobian(angle * unit)[1],
-            "J inverse": so3.left_jacobian_inverse(angle * unit)[1],
-            "J6": se3.left_jacobian(twist)[3:, :3],
-            "J6 inverse": se3.left_jacobian_inverse(twist)[3:, :3],
-        }
+        answers[str(angle)] = flat(
+            {
+                "R": R[0],
+                "p": T[:3, 3],
+                "log R": so3.log(R),
+                "log T": se3.log(T),
+                "J": so3.left_jacobian(angle * unit)[1],
+                "J inverse": so3.left_jacobian_inverse(angle * unit)[1],
+                "J6": se3.left_jacobian(twist)[3:, :3],
+                "J6 inverse": se3.left_jacobian_inverse(twist)[3:, :3],
+            }
+        )
     answers["blocks"] = se3.left_jacobian(V)
     answers["blocks of the inverse"] = se3.left_jacobian_inverse(V)
     answers["many"] = [
@@ -146,7 +149,7 @@ def rotations_by_half_a_turn_and_almost():
     answers = {}
     for angle in (np.pi, np.pi - 1e-5, np.pi + 1e-5, 2.2):
         R = so3.exp(angle * axes)
-        answers[f"{angle:.6f}"] = [so3.log(R), quaternion.from_matrix(R), [so3.log(one) for one in R]]
+        answers[f"{angle:.6f}"] = flat(so3.log(R), quaternion.from_matrix(R), [so3.log(one) for one in R])
     return answers
 
 
@@ -174,7 +177,7 @@ def series_on_both_sides_of_the_switch():
     answers = {}
     for function in functions:
         with np.errstate(all="ignore"):
-            answers[function.__name__] = [function(theta), function(theta[:4]), function(theta[6:]), function(1.3)]
+            answers[function.__name__] = flat(function(theta), function(theta[:4]), function(theta[6:]), function(1.3))
     answers["coefficients"] = [series.cot_coefficients(6), series._slope_coefficients((2.0, 3.0, 5.0, 7.0))]
     a, b, da, db = (np.array([x, 2 * x - 1]) for x in (0.7, -0.4, 0.3, 1.1))
     answers["quadratic"] = series.quadratic(W3[:2], a, b, 0.5)
@@ -204,7 +207,7 @@ def branch_free_forms():
         twist = np.asarray(twist)
         R, square = se3.rotation_exp(twist[:3])
         T, _ = se3.pose_exp(twist)
-        answers[str(k)] = [R[0], square, T[:3, 3], se3.rotation_log(R), se3.pose_log(T)]
+        answers[str(k)] = flat(R[0], square, T[:3, 3], se3.rotation_log(R), se3.pose_log(T))
     bad = T_ab.copy()
     bad[0, 1] += 0.03
     bad[3] = [0.01, 0.02, -0.03, 1.04]
@@ -356,7 +359,7 @@ def adjoint_operators():
         "labelled ad": adjoint.ad(Twist(V, "b")).T,
     }
     for name, operator in operators.items():
-        answers[name] = [operator @ F, operator.apply(V3[::-1]), operator.matrix, repr(operator), operator.frames]
+        answers[name] = [flat(operator @ F, operator.apply(V3[::-1]), operator.matrix), repr(operator), operator.frames]
     Ad = operators["Ad"]
     answers["as array"] = np.asarray(Ad, np.float32).dtype.name
     answers["six vectors"] = caught(lambda: Ad @ np.arange(36.0).reshape(6, 6))

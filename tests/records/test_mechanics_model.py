@@ -19,6 +19,7 @@ from recorded_robots import (
     chain_builder,
     coupled,
     driven,
+    flat,
     floating,
     inertia,
     laws,
@@ -102,11 +103,24 @@ def shown(model):
 
 def brief(model):
     """What a change of a model may change."""
-    full = shown(model)
-    names = ("bodies", "numbers of bodies", "frames", "poses", "base", "links", "armature", "actuators", "sets")
-    return {name: full[name] for name in names} | {
-        "limits": np.array([*full["limits"].values()]),
-        "friction": np.array([*full["friction"].values()]),
+    return {
+        "bodies": [
+            f"{b.joint.name} {b.joint.kind} {b.link} {b.parent} {b.q_index} {b.v_index} {b.ratio:.6g} {b.offset:.6g} {b.follows} {b.effort:.6g}"
+            for b in model.bodies
+        ],
+        "numbers": flat(
+            [[b.placement, b.inertia.parameters, b.joint.axes] for b in model.bodies],
+            [frame.pose for frame in model.all_frames.values()],
+            [G.parameters for G in model.link_inertias.values()],
+            model.base_inertia.parameters,
+            model.armature,
+        ),
+        "limits": flat(fields(model.limits)),
+        "friction": flat(fields(model.friction)),
+        "frames": " ".join(f"{name}:{frame.body}" for name, frame in model.all_frames.items()),
+        "mounts": " ".join(f"{link}<{carrier}/{joint}" for link, (carrier, joint) in model.mounts.items()),
+        "actuators": [f"{name} {a.joint} {a.ratio:.6g} {a.stiffness:.6g}" for name, a in model.actuators.items()],
+        "sets": [model.shaped, model.motor_joints, model.locked],
     }
 
 
@@ -170,7 +184,7 @@ def copies_of_models():
     for name, make in MODELS.items():
         again = pickle.loads(pickle.dumps(make()))
         answers[name] = [
-            float(np.abs(brief(again)["numbers of bodies"] - brief(make())["numbers of bodies"]).max()),
+            float(np.abs(brief(again)["numbers"] - brief(make())["numbers"]).max()),
             again.armature.flags.writeable,
             again.limits.lower.flags.writeable,
             again.bodies[0].placement.flags.writeable,
@@ -565,6 +579,13 @@ def limits_and_their_tolerance():
         "exceeded": [three.exceeded(three.upper + share * t) for share in (0.9, 1.1)]
         + [three.exceeded(np.where(np.isfinite(three.lower), three.lower, -9.0) - share * t) for share in (0.9, 1.1)],
         "selected": fields(three.select([2, 0])),
+        "accelerations of different limits": [
+            dataclasses.replace(
+                three, acceleration=np.array([4.0, 3.0, 1.0]), deceleration=np.array([5.0, 6.0, 2.0])
+            ).acceleration_at(a, b)
+            for a in (dq, -dq)
+            for b in (ddq, -ddq)
+        ],
         "accelerations": [
             three.acceleration_at(dq, ddq),
             three.acceleration_at(dq[0], ddq[0]),
@@ -955,10 +976,13 @@ def payloads_gravity_and_armatures():
     loaded = edit.with_payload(edit.with_payload(model, inertia(1), "hand"), inertia(2), "hand")
     return {
         "payload": brief(edit.with_payload(model, inertia(4), "hand")),
-        "two payloads": [brief(loaded)["links"], [[n, G.parameters] for n, G in loaded.payloads]],
+        "two payloads": [
+            [G.mass for G in loaded.link_inertias.values()],
+            [[n, G.parameters] for n, G in loaded.payloads],
+        ],
         "at the tip": [b.inertia.parameters[0] for b in edit.with_payload(model, inertia(4)).bodies],
-        "on a site": brief(edit.with_payload(model, inertia(4), "grasp"))["links"],
-        "on the base": brief(edit.with_payload(model, inertia(4), "eye"))["base"],
+        "on a site": [G.mass for G in edit.with_payload(model, inertia(4), "grasp").link_inertias.values()],
+        "on the base": edit.with_payload(model, inertia(4), "eye").base_inertia,
         "refused": [
             tried(lambda: edit.with_payload(model, bad, "hand")),
             tried(lambda: edit.with_payload(model, inertia(1), "nowhere")),
@@ -1072,7 +1096,7 @@ def models_taken_apart_and_put_together():
             ],
             "joints": [[j.name, j.parent, j.child, j.mimic, j.limits.lower, j.limits.effort] for j in taken.joints],
             "links": np.array([link.inertia.parameters for link in taken.links.values()]),
-            "again": brief(parts.reassemble(parts.disassemble(model, extra=False)))["numbers of bodies"],
+            "again": brief(parts.reassemble(parts.disassemble(model, extra=False)))["numbers"],
             "again, losses": [
                 (m := parts.reassemble(parts.disassemble(model, extra=False))).armature,
                 m.friction.coulomb,
@@ -1123,6 +1147,17 @@ def robots_that_are_attached():
             tried(lambda: joining.attach(coupled(), coupled(), None, pose, "", "x")),
         ],
         "nowhere": tried(lambda: joining.attach(tree(), hand, "nowhere", pose, "a", "x")),
+        "locked": brief(
+            joining.attach(
+                edit.lock(tree(), {"shoulder": 0.2}), edit.lock(hand, {"joint2": 0.3}), "wheel", pose, "h_", "both"
+            )
+        ),
+        "payloads": [
+            [frame, G.mass]
+            for frame, G in joining.attach(
+                edit.with_payload(tree(), inertia(3), "eye"), hand, "wheel", pose, "h_", "x"
+            ).payloads
+        ],
         "same prefix": tried(
             lambda: joining.attach(joining.attach(tree(), hand, None, pose, "h_", "x"), hand, "arm", pose, "h_", "x")
         ),

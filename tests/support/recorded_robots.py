@@ -22,6 +22,22 @@ def placed(turn=(0.0, 0.0, 0.0), p=(0.0, 0.0, 0.0)):
     return se3.pose(so3._exp(np.asarray(turn, float)), p)
 
 
+def flat(*parts):
+    """All numbers of nested lists, dictionaries and arrays in one array, which is recorded by its sums if it is long.
+
+    Infinite numbers become finite ones, so that it counts which entry is infinite.
+    """
+    arrays = []
+    for part in parts:
+        if isinstance(part, dict):
+            arrays.append(flat(*part.values()))
+        elif isinstance(part, list | tuple):
+            arrays.append(flat(*part))
+        else:
+            arrays.append(np.asarray(part, float).ravel())
+    return np.nan_to_num(np.concatenate([np.zeros(0), *arrays]), nan=3.33, posinf=7.77, neginf=-5.55)
+
+
 def inertia(k):
     """Inertia of the k-th link."""
     R = so3._exp(np.array([0.3 * k, 0.7 - 0.2 * k, 0.1 * k * k - 0.5]))
