@@ -819,6 +819,12 @@ def drives_that_are_added():
             )
         ),
     ]
+    axis = np.array([0.0, 0.6, 0.8])
+    largest = 1.0 / (axis @ np.linalg.inv(free.link_inertias["link5"].moment_about_com) @ axis)
+    for share in (0.45, 0.55):
+        rotor = Rotor(share * largest, link="link5", axis=axis)
+        pair = [Actuator("joint4", 30.0, rotor=rotor), Actuator("joint5", 10.0, rotor=rotor)]
+        answers[f"two rotors of {share}"] = tried(lambda pair=pair: len(actuation.with_actuators(free, pair).bodies))
     answers["in link mass"] = [
         actuation.is_in_link_mass(driven(), body) for body in driven().bodies if not body.joint.moves_body
     ]

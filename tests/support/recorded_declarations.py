@@ -61,7 +61,7 @@ def _with_tiny_numbers_as_texts(value):
 
 
 def _is_plain(value):
-    if isinstance(value, type) or callable(value):
+    if value is None or isinstance(value, type) or callable(value):
         return False
     if isinstance(value, np.ndarray) and value.dtype == object:
         return False

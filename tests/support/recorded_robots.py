@@ -298,7 +298,7 @@ def driven():
                 0.9,
                 0.02,
                 Motor(0.08),
-                Rotor(3e-5, True, 0.4, "base", (0.2, 0.3, -0.9), (0.1, 0.05, 0.02)),
+                Rotor(3e-5, True, 0.4, "link6", (0.2, 0.3, -0.9), (0.1, 0.05, 0.02)),
             ),
             Actuator("joint4", 80.0, 0.7, 0.0, None, Rotor(1.5e-5, mass=0.3, place=(0.02, 0.01, 0.03)), 350.0),
             Actuator("joint3", 7.0, 0.85, 0.3, motor),
