@@ -144,7 +144,7 @@ def motions_of_poses():
     answers = {name: [motion(t) for t in (0.0, 0.3, 0.8, 1.1)] for name, motion in paths().items()}
     start, _ = start_and_end()
     calls = {
-        "path": lambda: PoseMotion("line", time_scalings.cubic(1.0)),
+        "path": lambda: PoseMotion(start, time_scalings.cubic(1.0)),
         "number": lambda: PoseMotion(time_scalings.screw_path(start, start), 1.0),
         "type": lambda: PoseMotion(time_scalings.screw_path(start, start), float),
         "no argument": lambda: PoseMotion(time_scalings.screw_path(start, start), lambda: 1.0),
@@ -451,7 +451,7 @@ def torques_of_hybrid_motion_and_force():
         "not a sensor": lambda: HybridMotionForce(closed, motion, [5.0, -3.0], force_gain=0.5, measured=np.zeros(2)),
         "open": lambda: HybridMotionForce(one, motion, [5.0, -3.0]),
         "not a robot": lambda: HybridMotionForce("robot", motion, [5.0, -3.0]),
-        "not a law": lambda: HybridMotionForce(closed, "law", [5.0, -3.0]),
+        "not a law": lambda: HybridMotionForce(closed, np.zeros(N), [5.0, -3.0]),
         "three forces": lambda: HybridMotionForce(closed, motion, [5.0, -3.0, 1.0]),
         "infinite force": lambda: HybridMotionForce(closed, motion, [np.inf, -3.0]),
         "short motion": lambda: HybridMotionForce(closed, lambda t, q, dq: [1.0], [5.0, -3.0]),
