@@ -298,6 +298,7 @@ def dynamics_of_a_rigid_body():
         "acceleration": [body.acceleration(V, F), body.acceleration(many, F)],
         "momentum": [body.momentum(V), body.momentum(many)],
         "energy": [body.kinetic_energy(V), body.kinetic_energy(many)],
+        "weight of many": body.weight(np.stack([T, se3._exp(DV), se3._exp(F)]), np.arange(9.0).reshape(3, 3) - 4.5),
         "weight": [
             body.weight(T),
             body.weight(T, (1.0, -2.0, 3.0)),
@@ -643,6 +644,9 @@ def shells_and_their_nesting():
         "winding of an inward shell": shells.winding(points, INNER[0][INNER[1]]),
         "inside": [[shells._is_inside(a[0][a[1]], b[0][b[1]]) for b in outward] for a in outward],
         "cut": [[shells._edges_cut(a[0][a[1]], b[0][b[1]]) for b in outward] for a in outward],
+        "inside of an inward shell": [
+            shells._is_inside(CORE[0][CORE[1]], OUTER[0][f]) for f in (OUTER[1], OUTER[1][:, ::-1])
+        ],
         "touching": shells._edges_cut(OUTER[0][OUTER[1]], (OUTER[0] + [1.0, 0, 0])[OUTER[1]]),
         "boxes": shells._intersecting_boxes(
             np.array([[0.0, 0, 0], [2, 2, 2]]),
