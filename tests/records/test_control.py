@@ -139,6 +139,27 @@ def laws_for_rollouts():
     }
 
 
+class Planned:
+    """Result of a planner, which holds a motion."""
+
+    motion = staticmethod(joints)
+
+
+@records.of
+def references_that_hold_a_motion():
+    one = robot()
+    q, dq = at()
+    law = PD(one, Planned(), 10.0, 3.0)
+    still = PD(one, type("Held", (), {"motion": 0.1 * K})(), 10.0, 3.0)
+    return [
+        law(0.4, q, dq),
+        PD(one, joints, 10.0, 3.0)(0.4, q, dq) - law(0.4, q, dq),
+        law.batch_law(one, np.array([0.0, 0.2])).q_des,
+        still(0.4, q, dq),
+        TaskSpace(one, start_and_end()[0], 9.0, 4.0, rows="vx", posture=Planned())(0.4, q, dq),
+    ]
+
+
 @records.of
 def motions_of_poses():
     answers = {name: [motion(t) for t in (0.0, 0.3, 0.8, 1.1)] for name, motion in paths().items()}
@@ -583,6 +604,7 @@ def thresholds_of_residuals():
     found = observer.threshold(motion)
     some = observer.threshold(tw.Motion(t, q, dq, ddq, pushed, robot=one, in_seconds=True), per_hour=12.0)
     short = observer.threshold(motion[:2300], per_hour=12.0)
+    contradicted = observer.threshold(tw.Motion(t, q, 3.0 * dq, ddq, tau, robot=one, in_seconds=True))
     calls = {
         "no torques": lambda: observer.threshold(tw.Motion(t, q, dq, ddq, robot=one, in_seconds=True)),
         "per hour": lambda: observer.threshold(motion, per_hour=0.0),
@@ -594,6 +616,7 @@ def thresholds_of_residuals():
         "found": found,
         "pushed": some,
         "of a short log": short,
+        "of a log that contradicts itself": [contradicted.verdict, contradicted.doubts],
         "facts": [found.facts(), found.brief, found.sentence, found.torques, found.texts],
         "blocks": [found.blocks_of_log, short.blocks_of_log, some.blocks_of_log],
     } | {name: tried(call) for name, call in calls.items()}
