@@ -1372,7 +1372,9 @@ def branched(branches, turn=(0.0, 0.0, 0.0), base=5.0, mass=1.0, **options):
     """Robot of a base and branches (place, heading, steps): a joint about y at each step (dx, dz) along the heading."""
     builder = ModelBuilder("made")
     builder.gravity = so3._exp(np.asarray(turn, float)).T @ [0.0, 0.0, -9.81]
-    builder.add_link("base", tw.SpatialInertia.box([0.2, 0.2, 0.1], mass=base), shaped=True)
+    builder.add_link(
+        "base", tw.SpatialInertia.box([0.2, 0.2, 0.1], mass=base), shaped=True, hidden=options.get("hidden", False)
+    )
     root = "base"
     for n in range(options.get("waist", 0)):
         builder.add_link(f"waist{n}", tw.SpatialInertia.box([0.2, 0.2, 0.1], mass=1.0))
@@ -1419,6 +1421,11 @@ def legs_that_are_found():
         "biped": branched(biped),
         "biped that rolls": branched(biped, roll=True),
         "biped in a plane": branched([((0.1, 0.0, 0.0), 0.0, down), ((-0.1, 0.0, 0.0), 0.0, down)]),
+        "biped in a plane, one foot higher": branched(
+            [((0.1, 0.0, 0.0), 0.0, down), ((-0.1, 0.0, 0.0), 0.0, [(0.0, -0.02), (0.0, -0.4), (0.0, -0.37)])]
+        ),
+        "hidden base": branched(around(4, 0.2, flat), hidden=True),
+        "hidden base of a quadruped": branched(quad, hidden=True),
         "quadruped": branched(quad),
         "quadruped with an arm": branched([*quad, ((0.0, 0.0, 0.1), 0.0, up)]),
         "mounted": branched(quad, mounted=True),
