@@ -1422,7 +1422,7 @@ def legs_that_are_found():
         "biped that rolls": branched(biped, roll=True),
         "biped in a plane": branched([((0.1, 0.0, 0.0), 0.0, down), ((-0.1, 0.0, 0.0), 0.0, down)]),
         "biped in a plane, one foot higher": branched(
-            [((0.1, 0.0, 0.0), 0.0, down), ((-0.1, 0.0, 0.0), 0.0, [(0.0, -0.02), (0.0, -0.4), (0.0, -0.37)])]
+            [((0.05, 0.0, 0.0), 0.0, down), ((-0.05, 0.0, 0.0), 0.0, [(0.0, -0.02), (0.0, -0.4), (0.0, -0.38)])]
         ),
         "hidden base": branched(around(4, 0.2, flat), hidden=True),
         "hidden base of a quadruped": branched(quad, hidden=True),
