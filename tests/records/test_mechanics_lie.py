@@ -156,7 +156,9 @@ def rotations_by_half_a_turn_and_almost():
 @records.of
 def largest_angles_that_are_computed():
     return {
-        "within reach": [series.within_reach(np.array(x)) for x in ([3e80, -4e80, 0.0], [3e60, -4e60, 0.0])],
+        "within reach": [
+            series.within_reach(np.array(x)) for x in ([3e80, -4e80, 0.0], [3e60, -4e60, 0.0], [-3e80, -4e80, -1e79])
+        ],
         "within reach, many": series.within_reach(np.array([[3e80, -4e80, 0.0], [0.3, 0.4, 1.2], [np.nan, 1, 1]])),
         "left jacobian": so3.left_jacobian([3e80, -4e80, 0.0]),
     }
