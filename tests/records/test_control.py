@@ -619,6 +619,7 @@ def thresholds_of_residuals():
         "of a log that contradicts itself": [contradicted.verdict, contradicted.doubts],
         "facts": [found.facts(), found.brief, found.sentence, found.torques, found.texts],
         "blocks": [found.blocks_of_log, short.blocks_of_log, some.blocks_of_log],
+        "blocks at the limit": [observer.threshold(motion[:rows]).blocks_of_log for rows in (3195, 3205)],
     } | {name: tried(call) for name, call in calls.items()}
 
 

@@ -358,6 +358,7 @@ def adjoint_operators():
         "labelled": adjoint.Ad(Pose(T_ab, "a", "b")),
         "labelled T": adjoint.Ad(Pose(T_ab, "a", "b")).T,
         "labelled inverse": adjoint.Ad(Pose(T_ab, "a", "b")).inverse,
+        "labelled inverse T": adjoint.Ad(Pose(T_ab, "a", "b")).inverse.T,
         "labelled ad": adjoint.ad(Twist(V, "b")).T,
     }
     for name, operator in operators.items():
