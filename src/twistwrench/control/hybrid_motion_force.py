@@ -68,7 +68,8 @@ class HybridMotionForce:
             )
         names = self.closed.row_names
         if not callable(self.motion):
-            raise ValueRangeError(f"HybridMotionForce: motion is {self.motion!r}, and must be a law of (t, q, dq).")
+            given = arguments.value_text(self.motion)
+            raise ValueRangeError(f"HybridMotionForce: motion is {given}, and must be a law of (t, q, dq).")
         force = self.force
         if not callable(force):
             argument_name = f"HybridMotionForce: force (one for each of {', '.join(names)})"

@@ -53,9 +53,8 @@ class PoseMotion:
 
     def __post_init__(self) -> None:
         if not isinstance(self.path, PosePath):
-            raise ValueRangeError(
-                f"PoseMotion: the path is {self.path!r}. Take tw.trajectories.screw_path or straight_path."
-            )
+            given = arguments.value_text(self.path)
+            raise ValueRangeError(f"PoseMotion: the path is {given}. Take tw.trajectories.screw_path or straight_path.")
         _require_one_argument(self.scaling, "PoseMotion: the scaling")
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:

@@ -131,7 +131,7 @@ def _with_actuator(model: Model, actuator: Actuator) -> Model:
     if actuator.rotor is None:
         if is_elastic:
             raise ModelError(
-                f"the actuator of joint {name!r} is elastic, so its rotor moves by itself and needs an inertia."
+                f"the actuator of joint {actuator.joint!r} is elastic, so its rotor moves by itself and needs an inertia."
             )
         return replace(model, actuators={**model.actuators, name: actuator})
     model, rotor_body = _with_rotor_mounted(model, driven_body, actuator, actuator.rotor)
@@ -263,7 +263,7 @@ def _axis(joint: Joint, rotor: Rotor) -> Array:
         length = float(np.linalg.norm(axis))
     if not 0 < length < np.inf:
         raise ModelError(
-            f"the axis of the rotor of joint {joint.name!r} is {rotor.axis!r}; give a direction such as 0, 0, 1."
+            f"the axis of the rotor of joint {joint.name!r} is {axis.tolist()}; give a direction such as 0, 0, 1."
         )
     return axis / length
 

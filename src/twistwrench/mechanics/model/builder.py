@@ -448,7 +448,8 @@ def _check_new(kind: str, name: str, where: str, namesake: LinkEntry | JointEntr
     if not isinstance(name, str) or not name:
         raise ModelError(f"{label(kind, name, where)} needs a name: a text that is not empty.")
     if namesake is not None:
-        where_text = f" ({where} and {namesake.where})" if where or namesake.where else ""
+        places = " and ".join(filter(None, [where, namesake.where]))
+        where_text = f" ({places})" if places else ""
         raise ModelError(
             f"two {kind}s are called {name!r}{where_text}. Each needs a name of its own; rename or remove one."
         )
