@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from recorded_declarations import declarations
 from recorded_robots import chain, coupled, driven, placed, state, tree
 
 import twistwrench as tw
@@ -645,11 +644,6 @@ def parts_of_thresholds():
         ),
         "directions": residual_threshold._DIRECTIONS,
     }
-
-
-@records.of
-def constants_and_defaults():
-    return declarations("twistwrench.control")
 
 
 @pytest.mark.parametrize("name", records.names)

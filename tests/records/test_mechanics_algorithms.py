@@ -7,7 +7,6 @@ import operator
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from recorded_declarations import declarations
 from recorded_robots import GRAVITY, MODELS, chain, coupled, driven, flat, floating, placed, state, tree
 
 import twistwrench as tw
@@ -1031,11 +1030,6 @@ def paths_between_poses():
             ("straight", time_scalings.straight_path(start, end)),
         )
     } | {"gravity": GRAVITY}
-
-
-@records.of
-def constants_and_defaults():
-    return declarations("twistwrench.mechanics.algorithms")
 
 
 @pytest.mark.parametrize("name", records.names)

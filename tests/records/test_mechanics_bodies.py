@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import sympy
 from recorded_answers import Records, refusal
-from recorded_declarations import declarations
 
 import twistwrench as tw
 from twistwrench.mechanics.bodies import (
@@ -790,11 +789,6 @@ def meshes_in_files(folder):
         for f in ([[0, 1, 3]], [[0, 1, 4]], [[-1, 2, 3]], [[-2, 2, 5]])
     ]
     return answers
-
-
-@records.of
-def constants_and_defaults():
-    return declarations("twistwrench.mechanics.bodies")
 
 
 @pytest.mark.parametrize("name", records.names)

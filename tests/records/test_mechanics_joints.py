@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from recorded_declarations import declarations
 from recorded_robots import flat
 
 import twistwrench as tw
@@ -288,11 +287,6 @@ def units_of_quantities():
         "words": [units.torque_word("N m"), units.torque_word("N")],
         "kinds": list(JOINT_TYPES),
     }
-
-
-@records.of
-def constants_and_defaults():
-    return declarations("twistwrench.mechanics.joints")
 
 
 @pytest.mark.parametrize("name", records.names)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import sympy
 from recorded_answers import Records, refusal
-from recorded_declarations import declarations
 from recorded_robots import flat
 
 import twistwrench as tw
@@ -637,11 +636,6 @@ def names_and_identities():
         "read only": identity.IDENTITY.flags.writeable,
         "constants": [half_angles.LARGEST_HALF_TURN, compiled_forms.REACH, series.SWITCH, identity.UPRIGHT],
     }
-
-
-@records.of
-def constants_and_defaults():
-    return declarations("twistwrench.mechanics.lie")
 
 
 @pytest.mark.parametrize("name", records.names)

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from recorded_declarations import declarations
 from recorded_robots import (
     MODELS,
     builder_of_tree,
@@ -1500,11 +1499,6 @@ def measures_of_a_stance():
         "joined": legs._bodies_joined_to({1}, [{2, 3}, {3, 1}, {7, 8}]),
         "tree": [legs._base_links(tree()), [[c, n] for c, n in legs._chains(tree()).items()]],
     }
-
-
-@records.of
-def constants_and_defaults():
-    return declarations("twistwrench.mechanics.model")
 
 
 @pytest.mark.parametrize("name", records.names)

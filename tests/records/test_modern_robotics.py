@@ -7,7 +7,6 @@ import warnings
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from recorded_declarations import declarations
 from recorded_robots import GRAVITY, chain, coupled, driven, floating, placed, state, tree
 
 import twistwrench.modern_robotics as mr
@@ -469,11 +468,6 @@ def plots_of_controlled_motions():
         }
         plt.close("all")
     return answer
-
-
-@records.of
-def constants_and_defaults():
-    return declarations("twistwrench.modern_robotics")
 
 
 @pytest.mark.parametrize("name", records.names)

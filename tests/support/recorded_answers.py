@@ -55,7 +55,11 @@ class Records:
     def compare(self, name: str, folder: Path) -> None:
         """Assert that a call's result is the one on record."""
         recorded = json.loads(self.path.read_text("utf-8"))
-        assert name in recorded, f"{name} is not on record: python -m tests.records {self.path.stem}"
+        remedy = f"python -m tests.records {self.path.stem}"
+        assert name in recorded, f"{name} is not on record: {remedy}"
+        assert recorded.keys() <= self.calls.keys(), (
+            f"No call has the answers {recorded.keys() - self.calls.keys()}: {remedy}"
+        )
         _, relative = self.calls[name]
         found = list(differences(recorded[name], self._result(name, folder), name, relative))
         shown = "\n".join(found[:SHOWN])
@@ -129,7 +133,7 @@ def plain_values(value: object) -> Any:
 
 
 def _number(x: float) -> float | str:
-    return float(f"{x:.11g}") if np.isfinite(x) else str(x)
+    return float(f"{x:.9g}") if np.isfinite(x) else str(x)
 
 
 def _array(a: np.ndarray) -> Any:
