@@ -78,7 +78,7 @@ class Records:
                 new[name] = old[name]
                 continue
             changed += 1
-        lines = [f"{json.dumps(name)}: {json.dumps(value, ensure_ascii=False)}" for name, value in sorted(new.items())]
+        lines = [f'"{name}": {_compact_json(value)}' for name, value in sorted(new.items())]
         self.path.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")
         return (
             f"{self.path.name}: {len(new)} answers, {changed} new or changed, {self.path.stat().st_size / 1000:.0f} kB"
@@ -130,6 +130,10 @@ def plain_values(value: object) -> Any:
         fields = [field.name for field in dataclasses.fields(value) if not field.name.startswith("_")]
         return {"type": type(value).__name__} | {name: plain_values(getattr(value, name)) for name in fields}
     raise TypeError(f"{type(value).__name__} has no plain values: return its arrays, texts or numbers")
+
+
+def _compact_json(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
 
 
 def _number(x: float) -> float | str:
