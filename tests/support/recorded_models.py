@@ -22,7 +22,7 @@ def described(model):
         "frames": {name: [frame.body, pose(frame.pose)] for name, frame in model.frames.items()},
         "sites": {name: [frame.body, pose(frame.pose)] for name, frame in model.sites.items()},
         "limits": finite_fields(model.limits, Limits),
-        "friction": finite_fields(model.friction, Friction),
+        "friction": described_friction(model.friction),
         "gravity": model.gravity,
         "base": model.base_inertia.parameters,
         "links": {name: G.parameters for name, G in model.link_inertias.items() if G.parameters.any()},
@@ -70,6 +70,16 @@ def pose(T):
     if np.allclose(T[:3, :3], np.eye(3), rtol=0, atol=1e-12):
         return T[:3, 3]
     return np.concatenate([T[:3, 3], T[:3, :3].ravel()])
+
+
+def described_friction(friction):
+    """Coefficients that are not at the values of viscous and Coulomb friction alone."""
+    coefficients = finite_fields(friction, Friction)
+    if np.array_equal(friction.static, friction.coulomb):
+        coefficients.pop("static", None)
+    if (np.asarray(friction.stribeck) == 1.0).all():
+        coefficients.pop("stribeck", None)
+    return coefficients
 
 
 def finite_fields(values, kind):
