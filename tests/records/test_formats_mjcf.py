@@ -662,7 +662,7 @@ def inertia_of_meshes(folder):
         "legacy": inline, "exact": f'{inline} inertia="exact"', "convex": f'{inline} inertia="convex"', "shell": f'{inline} inertia="shell"',
         "scale": f'{inline} scale="0.5 2 1.5"', "mirror": f'{inline} scale="0.5 -2 1.5" inertia="exact"',
         "reference": f'{inline} refpos="0.1 0.2 0.3" refquat="0.5 -0.5 0.5 0.5" scale="0.5 2 1.5"', "exact reference": f'{inline} refpos="1 2 3" refquat="1 2 3 4" inertia="exact"',
-        "hull": f'vertex="{CUBE}"', "hull of dent": f'vertex="{CUBE} {DENT}" inertia="exact"', "flat": 'vertex="0 0 0 1 0 0 0 1 0 1 1 0"', "flat faces": 'vertex="0 0 0 1 0 0 0 1 0" face="0 1 2"',
+        "hull": f'vertex="{CUBE}"', "hull of dent": f'vertex="{CUBE} {DENT}" inertia="exact"', "flat": 'vertex="0 0 0 1 0 0 0 1 0 1 1 0"', "flat faces": 'vertex="0 0 0 1 0 0 0 1 0" face="0 1 2"', "line": 'vertex="0 0 0 1 0 0 0 1 0" face="0 1 1"',
         "inside out": f'vertex="{CUBE}" face="0 1 2" inertia="exact"', "no numbers": "", "odd": 'vertex="0 0"', "odd faces": 'vertex="0 0 0" face="0 1"',
         "wrong corner": 'vertex="0 0 0 1 0 0 0 1 0" face="0 1 3"', "negative corner": 'vertex="0 0 0 1 0 0 0 1 0" face="0 1 -1"',
         "msh": 'file="parts/cup.msh" inertia="exact"', "obj": 'file="cup.obj" inertia="exact"', "text": 'file="note.txt"', "gone": 'file="gone.stl"',
