@@ -438,6 +438,10 @@ def refused_xml():
     return {name: refusal(lambda text=text: xml.parse(text, max_bodies=1)) for name, text in texts.items()} | {
         "bodies": refusal(lambda: xml.parse("<r><link/><body/>\n<link/></r>", "f.xml", max_bodies=1)),
         "character": refusal(lambda: xml.xml_text(xml.new("a", None, "x\n y\x01z\nw"))),
+        "many parts": [
+            refusal(lambda tag=tag: xml.parse("<r>" + f"<{tag}/>" * 20_001 + "</r>", max_bodies=7))
+            for tag in ("frame", "geom", "site", "link", "body")
+        ],
         "elements": refusal(lambda: xml.parse("<a>" + "<b/>" * 1_000_001)),
     }
 
