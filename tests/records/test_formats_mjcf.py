@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from recorded_answers import Records, refusal
-from recorded_models import described, pose
+from recorded_answers import refusal
+from recorded_models import ShortRecords, described, pose
 
 from twistwrench.core.errors import TwistWrenchError
 from twistwrench.formats import load_model, xml
 from twistwrench.formats.mjcf import bodies, preprocess
 from twistwrench.formats.mjcf.preprocess import Defaults, Meshes, Settings
 
-records = Records(__file__)
+records = ShortRecords(__file__)
 
 PLANT = """<mujoco model=" plant ">
   <compiler angle="degree" eulerseq="zYx" inertiagrouprange="1 3"/>

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from recorded_answers import Records, refusal
-from recorded_models import described, pose
+from recorded_answers import refusal
+from recorded_models import ShortRecords, described, pose
 
 from twistwrench.formats import load_model, sdf, xml
 
-records = Records(__file__)
+records = ShortRecords(__file__)
 
 
 def inertial(mass, place="", tensor="0.031 -0.002 0.0013 0.027 0.0017 0.022"):

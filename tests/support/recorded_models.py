@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields
 
 import numpy as np
-from recorded_answers import plain_values
+from recorded_answers import Records, plain_values
 
 from twistwrench.mechanics.model.limits import Friction, Limits
+
+_ROUND_OFF = 1e-13
+"""What rounding may leave of zero."""
+
+
+class ShortRecords(Records):
+    """Records with numbers of eight digits, a tenth of the tolerance: files of many models stay short."""
+
+    def _result(self, name, folder):
+        return _short(super()._result(name, folder))
+
+
+def _short(value):
+    if isinstance(value, float):
+        number = float(f"{value:.8g}") if abs(value) > _ROUND_OFF else 0.0
+        return int(number) if number.is_integer() and abs(number) < 1e9 else number
+    if isinstance(value, list):
+        return [_short(entry) for entry in value]
+    if isinstance(value, dict):
+        return {key: _short(entry) for key, entry in value.items()}
+    return value
 
 
 def described(model):
@@ -102,3 +124,16 @@ def _is_empty(value):
         array = np.asarray(value, float)
         return not array.size or not (array.any() and np.isfinite(array).any())
     return False
+
+
+_NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]?\d+)?|-?\d+e[+-]?\d+")
+
+
+def rounded(text):
+    """Text with its numbers to nine digits, and zero for what rounding leaves of zero."""
+
+    def shorter(match):
+        number = float(match[0])
+        return f"{number:.9g}" if abs(number) > _ROUND_OFF else "0"
+
+    return _NUMBER.sub(shorter, text)
