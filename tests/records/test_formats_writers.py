@@ -37,7 +37,7 @@ def placed(*screw):
     return se3.exp(np.array(screw))
 
 
-def rig(root="frame"):
+def rig(root="frame", normal=(0.6, 0, 0.8)):
     """Robot of all joints, each written in another way."""
     builder = ModelBuilder("rig", "")
     builder.gravity = (0.5, -1.5, -9.25)
@@ -111,7 +111,7 @@ def rig(root="frame"):
         "frame" if root == "frame" else root,
         "puck",
         placement=placed(0.3, 0, 0, 1, 1, 1),
-        axis=(0.6, 0, 0.8),
+        axis=normal,
         damping=3,
     )
     builder.add_link("slave", solid(0.625))
@@ -249,6 +249,27 @@ def roots_of_all_kinds_in_each_format():
     empty.add_link("only")
     answers["empty"] = joints_in(documents(empty.build(quiet=True)))
     return answers
+
+
+@records.of
+def names_that_are_in_use():
+    """Joints and links that have the names which writers would make for parts of their own."""
+    builder = ModelBuilder("names")
+    builder.add_link("base", solid(2.0))
+    kinds = {
+        "h": ("helical", {"axis": (0, 0, 1, 0.1, 0.2, 0), "pitch": 0.5}), "h.slide": ("revolute", {"axis": (1, 0, 0, 0, 0.3, 0)}), "h.fixed": ("revolute", {}), "p": ("planar", {"axis": (0, 0, 1)}),
+        "p.x": ("revolute", {}), "p.theta": ("prismatic", {}), "b": ("ball", {}), "b.y": ("revolute", {}), "base.fixed": ("prismatic", {}), "root_joint": ("revolute", {}),
+    }  # fmt: skip
+    links = ["n", "n:h", "n:h:h:slide", "world", "base.site", "n:p.x", "q:b.x", "q", "s", "last"]
+    parent = "base"
+    for (name, (kind, options)), link in zip(kinds.items(), links, strict=True):
+        builder.add_link(link, solid(1.0))
+        builder.add_joint(name, kind, parent, link, **options)
+        parent = link
+    builder.add_site("base", "last")
+    builder.add_site("base.fixed", "s")
+    builder.add_closure("loop", OfferedClosure("base", "last"))
+    return joints_in(documents(builder.build(quiet=True)))
 
 
 @records.of
