@@ -209,7 +209,7 @@ def a_chimera_of_pinocchios_joints():
 
 @records.of
 def the_chimera_by_option():
-    keys = ("joints", "mounted", "mounts", "base", "configurations", "tip", "leaves")
+    keys = ("joints", "mounted", "base", "configurations")
     answers = {}
     for free in (True, False):
         for floating in (None, False, True):

@@ -633,7 +633,7 @@ def notes_on_what_is_not_read():
                 root = xml.parse(f"<sdf><{tag} {attributes}>{inside}</{tag}></sdf>")
                 notes = unread(format_name, *root.children)
                 if notes:
-                    answers[f"{format_name} {tag} {value}"] = [" | ".join(notes)[:160], len(notes)]
+                    answers[f"{format_name} {tag} {value}"] = [" | ".join(notes)[:50], len(notes)]
     return answers
 
 

@@ -195,7 +195,7 @@ def joints_in(documents):
 
 @records.of
 def a_rig_of_all_joints_in_each_format():
-    return documents(rig().build(quiet=True, inertia="accept"))
+    return joints_in(documents(rig().build(quiet=True, inertia="accept"))) | {"whole": documents(small(axis=(0, 0, 1)))}
 
 
 @records.of
@@ -257,7 +257,7 @@ def names_that_are_in_use():
     builder = ModelBuilder("names")
     builder.add_link("base", solid(2.0))
     kinds = {
-        "h": ("helical", {"axis": (0, 0, 1, 0.1, 0.2, 0), "pitch": 0.5}), "h.slide": ("revolute", {"axis": (1, 0, 0, 0, 0.3, 0)}), "h.fixed": ("revolute", {}), "p": ("planar", {"axis": (0, 0, 1)}),
+        "h": ("helical", {"axis": (0, 0, 1, 0.1, 0.2, 0.5)}), "h.slide": ("revolute", {"axis": (1, 0, 0, 0, 0.3, 0)}), "h.fixed": ("revolute", {}), "p": ("planar", {"axis": (0, 0, 1)}),
         "p.x": ("revolute", {}), "p.theta": ("prismatic", {}), "b": ("ball", {}), "b.y": ("revolute", {}), "base.fixed": ("prismatic", {}), "root_joint": ("revolute", {}),
     }  # fmt: skip
     links = ["n", "n:h", "n:h:h:slide", "world", "base.site", "n:p.x", "q:b.x", "q", "s", "last"]
@@ -281,7 +281,9 @@ def limits_and_axes_in_each_format():
     answers = {}
     for kind in ("revolute", "continuous", "prismatic", "helical"):
         for name, options in cases.items():
-            if kind in ("continuous", "prismatic") and name not in ("neither", "velocity", "effort", "armature alone"):
+            if kind == "continuous" and "upper" in options:
+                continue
+            if kind != "revolute" and name not in ("neither", "velocity", "other side", "armature alone"):
                 continue
             options = {**options, "axis": (0.0, 0.6, -0.8), **({"pitch": 0.5} if kind == "helical" else {})}
             found = documents(small(kind, site=False, **options))

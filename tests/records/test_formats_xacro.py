@@ -112,8 +112,8 @@ def expanded_files(folder):
             found["name"],
             found["bodies"][0].get("placement"),
             [body["axes"] for body in found["bodies"]],
-            found["links"],
-            list(found["frames"]),
+            [body["inertia"] for body in found["bodies"]],
+            found["frame names"],
         ]
 
     with pytest.MonkeyPatch.context() as patch:

@@ -10,13 +10,18 @@ import numpy as np
 from recorded_answers import Records, plain_values
 
 from twistwrench.mechanics.model.limits import Friction, Limits
+from twistwrench.mechanics.model.snapping import DEFAULT_SNAP
 
 _ROUND_OFF = 1e-13
 """What rounding may leave of zero."""
 
 
 class ShortRecords(Records):
-    """Records with numbers of eight digits, a tenth of the tolerance: files of many models stay short."""
+    """Records with numbers of eight digits, so that files of many models stay short."""
+
+    def of(self, call=None, *, relative=2e-7):
+        """Add a call; the tolerance is two units of the last digit, where rounding may turn."""
+        return super().of(call, relative=relative)
 
     def _result(self, name, folder):
         return _short(super()._result(name, folder))
@@ -34,28 +39,43 @@ def _short(value):
 
 
 def described(model):
-    """All fields of a model that are not empty."""
+    """All fields of a model that are not empty. A link has an inertia, and a frame a pose, if they are not those of a body."""
+    velocities = model.velocity_names
+    bodies = {body.link: body for body in model.bodies}
+    frames = {
+        name: [frame.body, pose(frame.pose)]
+        for name, frame in model.frames.items()
+        if name not in bodies
+        or bodies[name] is not model.bodies[frame.body]
+        or not np.array_equal(frame.pose, np.eye(4))
+    }
+    links = {
+        name: G.parameters
+        for name, G in model.link_inertias.items()
+        if G.parameters.any() and not (name in bodies and np.array_equal(G.parameters, bodies[name].inertia.parameters))
+    }
     description = {
         "name": model.name,
         "tip": model.tip,
         "joints": " ".join(model.joint_names),
         "leaves": " ".join(model.leaves),
         "bodies": [described_body(body) for body in model.bodies],
-        "frames": {name: [frame.body, pose(frame.pose)] for name, frame in model.frames.items()},
+        "frames": frames,
+        "frame names": " ".join(model.frames),
         "sites": {name: [frame.body, pose(frame.pose)] for name, frame in model.sites.items()},
-        "limits": finite_fields(model.limits, Limits),
-        "friction": described_friction(model.friction),
+        "limits": by_velocity(model.limits, Limits, velocities),
+        "friction": described_friction(model.friction, velocities),
         "gravity": model.gravity,
         "base": model.base_inertia.parameters,
-        "links": {name: G.parameters for name, G in model.link_inertias.items() if G.parameters.any()},
+        "links": links,
         "springs": [[dict(spring.terms), spring.stiffness, spring.rest] for spring in model.springs],
         "actuators": {name: described_actuator(actuator) for name, actuator in model.actuators.items()},
         "couplings": list(model.couplings),
         "configurations": dict(model.configurations),
         "closures": {name: [c.frame_a, c.frame_b, c.rows] for name, c in model.closures.items()},
         "shaped": sorted(model.shaped),
-        "snap": model.snap,
-        "armature": model.armature,
+        "snap": 0.0 if model.snap == DEFAULT_SNAP else model.snap or "off",
+        "armature": {name: value for name, value in zip(velocities, model.armature, strict=True) if value},
         "motor joints": sorted(model.motor_joints),
         "mounted": model.mounted,
         "mounts": {link: " ".join(mount) for link, mount in model.mounts.items()},
@@ -69,7 +89,7 @@ def described_body(body):
     """Fields of one body."""
     description = {
         "joint": f"{body.joint.kind} {body.joint.name} {type(body.joint).__name__}",
-        "axes": body.joint.axes,
+        "axes": None if body.joint.kind in ("ball", "floating") else body.joint.axes,
         "link": body.link,
         "parent": body.parent,
         "placement": pose(body.placement),
@@ -83,7 +103,14 @@ def described_body(body):
 
 def described_actuator(actuator):
     """Fields of an actuator, its motor and its rotor that are given."""
-    return without_empty({field.name: plain_values(getattr(actuator, field.name)) for field in fields(actuator)})
+    description = without_empty({field.name: plain_values(getattr(actuator, field.name)) for field in fields(actuator)})
+    return {key: _given(value) if isinstance(value, dict) else value for key, value in description.items()}
+
+
+def _given(fields_of_part):
+    return {
+        key: value for key, value in without_empty(fields_of_part).items() if value not in ("inf", "Motor", "Rotor")
+    }
 
 
 def pose(T):
@@ -94,9 +121,9 @@ def pose(T):
     return np.concatenate([T[:3, 3], T[:3, :3].ravel()])
 
 
-def described_friction(friction):
+def described_friction(friction, velocities):
     """Coefficients that are not at the values of viscous and Coulomb friction alone."""
-    coefficients = finite_fields(friction, Friction)
+    coefficients = by_velocity(friction, Friction, velocities)
     if np.array_equal(friction.static, friction.coulomb):
         coefficients.pop("static", None)
     if (np.asarray(friction.stribeck) == 1.0).all():
@@ -104,10 +131,18 @@ def described_friction(friction):
     return coefficients
 
 
-def finite_fields(values, kind):
-    """Arrays of limits or of friction that are not all infinite or all zero."""
-    arrays = {field.name: np.asarray(getattr(values, field.name), float) for field in fields(kind)}
-    return {name: array for name, array in arrays.items() if np.isfinite(array).any() and array.any()}
+def by_velocity(values, kind, velocities):
+    """Limits or friction by name of the velocity, without what is infinite, and friction without zeros."""
+    tables = {}
+    for field in fields(kind):
+        array = np.asarray(getattr(values, field.name), float)
+        is_limit = kind is Limits
+        given = {
+            name: x for name, x in zip(velocities, array.tolist(), strict=True) if np.isfinite(x) and (x or is_limit)
+        }
+        if given:
+            tables[field.name] = given
+    return tables
 
 
 def without_empty(description):
