@@ -223,7 +223,7 @@ def the_chimera_by_option():
 
 def _finite(array):
     """Array with infinities in place of the largest numbers."""
-    return np.where(np.abs(array) > 1e300, np.sign(array) * np.inf, array)
+    return np.where(array > 1e300, np.inf, np.where(array < -1e300, -np.inf, array))
 
 
 def pinocchio_values(model):

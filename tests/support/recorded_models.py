@@ -161,14 +161,18 @@ def _is_empty(value):
     return False
 
 
+_SHOWN_WHOLE = 10
+"""Number of characters of a number up to which it stays as it is."""
 _NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]?\d+)?|-?\d+e[+-]?\d+")
 
 
 def rounded(text):
-    """Text with its numbers to nine digits, and zero for what rounding leaves of zero."""
+    """Text with its long numbers to nine digits, and zero for what rounding leaves of zero."""
 
     def shorter(match):
         number = float(match[0])
-        return f"{number:.9g}" if abs(number) > _ROUND_OFF else "0"
+        if abs(number) < _ROUND_OFF:
+            return "0"
+        return f"{number:.9g}" if len(match[0]) > _SHOWN_WHOLE else match[0]
 
     return _NUMBER.sub(shorter, text)
