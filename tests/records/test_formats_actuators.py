@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from dataclasses import fields
 
@@ -272,6 +273,11 @@ def sections_and_sources(folder):
         "",
     )
     inner = section.section("a")
+    reading_end, writing_end = os.pipe()
+    os.write(writing_end, b"x: 1\n")
+    os.close(writing_end)
+    piped, _ = read_yaml(f"/dev/fd/{reading_end}")
+    os.close(reading_end)
     texts = [
         "x: 1\n",
         "x: 1",
@@ -290,6 +296,7 @@ def sections_and_sources(folder):
         "sources": {f"{k}": result(lambda text=text: read_yaml(text)) for k, text in enumerate(texts)},
         "path": result(lambda: read_yaml(folder / "a.yaml", "catalogue", "motors")),
         "missing": [result(lambda e=e: read_yaml(folder / "b.yaml", "file", e)) for e in ("actuators", "motors", "kinematics")],
+        "piped": piped,
         "mapping": result(lambda: read_yaml({"a": 1}, entry="motors")),
         "other": result(lambda: read_yaml(3, entry="motors")),
         "where": [section.where("a"), inner.where("b"), inner.section("m").where("c")],
@@ -370,6 +377,10 @@ def refused_tables():
     return {name: result(lambda t=t, o=o: tw.from_dh(t, **o).nv) for name, (t, o) in calls.items()}
 
 
+STRAIGHT = np.array([[0, 1, 0, 0.5, 0, -1.0], [0, 0, 0, 1.0, 0, 0], [0.6, 0, 0.8, 0, 0.25, 0]]).T
+"""Screws with exact zeros."""
+
+
 @records.of
 def lists_of_screws():
     model = tw.from_dh(
@@ -404,6 +415,7 @@ def lists_of_screws():
         "lists": [lists.M, lists.Slist, lists.Blist, lists.Mlist, lists.Glist],
         "at centres": [np.abs(at_com.Mlist[:, :3, 3]).sum(), np.linalg.norm(at_com.Mlist[:, :3, 3], axis=1)[:1], [np.diag(G) for G in at_com.Glist], at_com.M],
         "again": described(again.model),
+        "exact": [[body.joint.kind, body.joint.axes] for body in tw.from_screws(None, STRAIGHT, [np.eye(4)] * 4, lists.Glist).model.bodies],
         "longer": [body.joint.axes for body in other.model.bodies],
         "pitched": [[body.joint.kind, body.joint.axes] for body in build(S=pitched).bodies],
         "names": build().joint_names,

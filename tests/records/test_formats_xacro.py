@@ -99,7 +99,8 @@ def expanded_files(folder):
     (package / "urdf" / "sizes.yaml").write_text("width: 0.3\n")
     include = '<xacro:include filename="{}"/>'
     bodies = {
-        "plain": "", "include": include.format("tip.xacro"), "package": include.format("$(find my_arm)/hand.xacro"), "above": include.format("../hand.xacro"), "outside": include.format("../../other/out.xacro"),
+        "plain": "", "include": include.format("tip.xacro"), "package": include.format("$(find my_arm)/hand.xacro"),
+        "above": include.format("../hand.xacro"), "outside": include.format("../../other/out.xacro"),
         "far": include.format("$(find third)/far.xacro"), "missing": include.format("none.xacro"), "unknown": include.format("$(find nowhere)/x.xacro"), "environment": '<link name="$(env HOME)"/>', "optional": '<link name="x$(optenv HOME y)"/><joint name="q" type="fixed"><parent link="lower"/><child link="xy"/></joint>',
         "undefined": '<link name="${undefined}"/>', "macro": "<xacro:nothing/>", "parameter": "<xacro:part/>", "yaml": '<xacro:property name="s" value="${load_yaml(\'sizes.yaml\')}"/><link name="w${s.width}"/><joint name="q" type="fixed"><parent link="lower"/><child link="w0.3"/></joint>',
         "entity": "", "python": '<link name="${__import__(\'os\')}"/>', "recursion": '<xacro:macro name="r"><xacro:r/></xacro:macro><xacro:r/>',
