@@ -183,6 +183,7 @@ def refused_actuator_files(folder):
         "twice": folder / "twice.yaml",
         "large": folder / "large.yaml",
         "long name": "n" * 250,
+        "nul": "a\0b",
         "folder": folder,
         "number": 3,
         "mapping": {"actuators": {"hip": {}}},
@@ -423,7 +424,7 @@ def lists_of_screws():
         "refused": [
             result(lambda: build(bad)), result(lambda: build(np.eye(3))), result(lambda: build(S=1.000002 * lists.Slist)), result(lambda: build(S=lists.Slist[:5])), result(lambda: build(S=lists.Slist * [1, 2, 1])),
             result(lambda: build(Mlist=lists.Mlist[:3])), result(lambda: build(G=lists.Glist[:2])), result(lambda: build(S=lists.Slist[:, 0])), result(lambda: build(joint_names=["a"])), result(lambda: build(G=-lists.Glist)),
-            result(lambda: build(bad * np.nan)), result(lambda: dh.screw_lists(tree.build(quiet=True))), result(lambda: dh.screw_lists(chain.build(quiet=True))), result(lambda: dh.screw_lists(add_actuators(arm(), DRIVES))), result(lambda: build(S=1.0000008 * lists.Slist).nv),
+            result(lambda: build(bad * np.nan)), result(lambda: dh.screw_lists(tree.build(quiet=True))), result(lambda: dh.screw_lists(chain.build(quiet=True))), result(lambda: dh.screw_lists(replace(model, tip="link1"))), result(lambda: dh.screw_lists(replace(model, tip="link0"))), result(lambda: dh.screw_lists(add_actuators(arm(), DRIVES))), result(lambda: build(S=1.0000008 * lists.Slist).nv),
             result(lambda: dh.screw_lists(arm())),
         ],
     }  # fmt: skip

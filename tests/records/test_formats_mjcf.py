@@ -155,7 +155,9 @@ def placements_of_all_forms():
     }
     wrong = ['axisangle="1 0 0 2" euler="1 2 3"', 'quat="0 0 0 0"', 'axisangle="0 0 0 1"', 'xyaxes="0 0 0 0 1 0"', 'xyaxes="1 0 0 2 0 0"',
         'zaxis="0 0 0"', 'xyaxes="1 0 0"', 'pos="1 2 3 4"', 'zaxis="1 0 0" xyaxes="1 0 0 0 1 0" euler="0 0 0"']  # fmt: skip
+    upright = bodies.rotation(element("<body/>"), Settings())
     return {
+        "upright": upright,
         "degrees": answers,
         "radians": radian,
         "sequences": sequences,
@@ -458,7 +460,12 @@ def joints_in_all_units_and_limits():
 @records.of
 def bodies_that_are_refused_or_named():
     inside = '<worldbody><body{}><joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{}</body></worldbody>'
+    tensors = ('diaginertia="1 1 1" fullinertia="1 1 1 0 0 0"', 'fullinertia="1 1 1 0 0 0" zaxis="1 0 0"')
+    classes = '<default><joint damping="0.5"/><default class="x"><joint damping="3"/></default></default>'
+    nested = '<body childclass="x"><joint/><body childclass=""><joint/><body><joint/></body></body><frame childclass=" "><body><joint/></body></frame></body>'
     texts = {
+        **{tensor: f"<worldbody><body><joint/><inertial mass='1' {tensor}/></body></worldbody>" for tensor in tensors},
+        "classes": f"{classes}<worldbody>{nested}</worldbody>",
         "composite": inside.format("", "<composite/>"), "flexcomp": inside.format("", "<flexcomp/>"),
         "replicate": inside.format("", "<replicate/>"), "attach": inside.format("", "<attach/>"),
         "two inertials": inside.format(' name="q"', '<inertial pos="0 0 0" mass="1"/>'),
@@ -471,7 +478,7 @@ def bodies_that_are_refused_or_named():
 
     def shown(model):
         answer = described(model)
-        return {key: answer.get(key) for key in ("frames", "sites", "mounts", "notes")}
+        return {key: answer.get(key) for key in ("frames", "sites", "mounts", "friction", "notes")}
 
     return {name: read(f"<mujoco>{text}</mujoco>", shown) for name, text in texts.items()}
 
@@ -573,6 +580,8 @@ def included_files(folder):
             [str(n) for n in model.defects],
         ]
 
+    (other / "tool.xml").write_text("<mujocoinclude>" + body.format("third tool", 8, "") + "</mujocoinclude>")
+    (other / "hand.xml").write_text("<mujocoinclude>" + body.format("third hand", 9, "") + "</mujocoinclude>")
     names = [path.name for path in files if path.parent == home and "deep" not in path.name]
     answers = {
         name: read(home / name, shown)
@@ -581,6 +590,7 @@ def included_files(folder):
     }
     answers |= {name: read(home / name, shown) for name in ("deep1.xml", "deep2.xml", "deep3.xml")}
     answers["with folder"] = read(home / "out.xml", shown, include_paths=[other])
+    answers["three folders"] = read(home / "robot.xml", shown, include_paths=[other])
     answers["few bodies"] = read(home / "bodies.xml", shown, max_bodies=2)
     answers["text"] = read(files[home / "out.xml"], shown)
     answers["text with folder"] = read(

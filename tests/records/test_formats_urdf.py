@@ -554,8 +554,17 @@ def missing_files(folder):
         "name": source._bundled_robot_hint(Path("nobody7")),
         "bundled name": source._bundled_robot_hint(Path("Panda")),
         "no word": source._bundled_robot_hint(folder / "nobody7"),
+        "standard input": [
+            _standard_input(data) for data in (b"\n<robot/>", b"robot", b" ", b"\xff\xfe<\x00r\x00/\x00>\x00")
+        ],
         "size": [refusal(lambda: source._check_size(2**26 + 1, "x")), source._check_size(2**26, "x")],
     }
+
+
+def _standard_input(data):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(source, "read_standard_input", lambda largest: data if largest == 2**26 else b"")
+        return _value(source.standard_input_text)
 
 
 @records.of
@@ -593,6 +602,8 @@ def meshes_of_a_robot(folder):
                 for name in names:
                     found = source.find_resource(name, file)
                     answers[f"{ros} {file.parent.name} {name}"] = None if found is None else str(found)
+        patch.setenv("HOME", str(folder / "lone" / "robots"))
+        answers["in home itself"] = [source.find_resource("../meshes/e.stl", lone), source._package_folder([lone])]
         patch.setenv("HOME", str(folder / "ws"))
         answers["at home"] = str(source.find_resource("package://my_arm/meshes/a.stl", arm))
         answers["beside home"] = source.find_resource("package://other/b.stl", arm)

@@ -252,6 +252,37 @@ def roots_of_all_kinds_in_each_format():
 
 
 @records.of
+def links_without_mass_between_joints():
+    """Whether joints share a body in MJCF: links without mass, between joints of one and of several degrees."""
+    answers = {}
+    for first, second in (
+        ("revolute", "prismatic"),
+        ("prismatic", "ball"),
+        ("ball", "revolute"),
+        ("revolute", "planar"),
+        ("fixed", "revolute"),
+        ("revolute", "fixed"),
+    ):
+        for floating in (False, True):
+            builder = ModelBuilder("between")
+            builder.add_link("base", solid(2.0))
+            builder.add_link("bare")
+            builder.add_link("end", solid(1.0, (0.1, 0.2, 0.3)))
+            builder.add_joint("one", first, "base", "bare", placement=placed(0.1, 0, 0, 0.1, 0.2, 0.3))
+            builder.add_joint("two", second, "bare", "end", placement=placed(0, 0.2, 0, 0.3, 0, 0))
+            if floating:
+                builder.add_configuration("home", {"root_joint": [0.6, 0.8, 0, 0, 1, 2, 3]})
+            document = WRITERS["mjcf"](builder.build(floating_base=floating, quiet=True, inertia="accept"))
+            skipped = ("<inertial", "</", "<?xml", "<compiler", "<option")
+            lines = [line.strip() for line in rounded(document.text).splitlines()]
+            answers[f"{first} {second} {floating}"] = [
+                [line for line in lines if not line.startswith(skipped)],
+                document.lost,
+            ]
+    return answers
+
+
+@records.of
 def names_that_are_in_use():
     """Joints and links that have the names which writers would make for parts of their own."""
     builder = ModelBuilder("names")
@@ -434,6 +465,7 @@ def edits_of_urdf_text():
         URDF, links={"b": WANTED, "c": zero, "d": WANTED}, joints={"j": FRICTION}, poses={"c": POSE}
     )
     answers["same"] = edited(URDF, joints={"l": {"viscous": 0.5}})
+    answers["coulomb alone"] = [edited(text, joints={"j": {"coulomb": 0.75}}) for text in (URDF, SDF, MJCF.format(""))]
     text = text_of(xml.parse(URDF), "", None)
     answers["read"] = {name: text.inertia(name) for name in "abc"}
     answers["other"] = [
@@ -510,6 +542,7 @@ def written_inertias():
     R = placed(0.3, 0.2, 0.1, 0, 0, 0)[:3, :3]
     written = WrittenInertia(2.0, np.array([0.1, 0.2, 0.3]), R, TENSOR, place, 7, "file.xml")
     fewer = replace(written, places={name: place[name] for name in ("mass", "ixx")})
+    massless = replace(written, places={"ixx": place["ixx"]})
     doubled = TENSOR.copy()
     doubled[0, 0] *= 2
     almost = TENSOR.copy()
@@ -523,6 +556,7 @@ def written_inertias():
         "without places": [fewer.tensor_edits(T) for T in (doubled, 2 * TENSOR)],
         "edits": [written.edits(G) for G in (written.inertia, heavier, shifted)],
         "edits without places": [fewer.edits(G) for G in (written.inertia, heavier, shifted)],
+        "edits without a mass": [massless.edits(G) for G in (written.inertia, heavier)],
         "of inertia": [WrittenInertia.from_inertia(WANTED, 3, "f"), WrittenInertia.from_inertia(SpatialInertia.zero())],
         "symmetrised": inertia_about_com(2.0, np.array([0.1, 0.2, 0.3]), asymmetric).parameters,
     }

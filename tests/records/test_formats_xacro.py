@@ -27,6 +27,7 @@ class Names(dict):
 NAMES = {
     "w": 3, "h": 2.5, "name": "arm", "items": [4, 5, 6], "table": {"a": 1, "keys": 2}, "space": Names(length=0.25, keys=9), "sin": math.sin,
     "len": len, "range": range, "round": round, "pow": pow, "empty": "", "flag": False, "z": 2 + 3j, "factorial": math.factorial, "eval": eval,
+    "long": list(range(100_001)), "short": list(range(50_000)),
 }  # fmt: skip
 FUNCTIONS = {id(NAMES[name]) for name in ("sin", "len", "range", "round", "pow", "factorial")}
 EXPRESSIONS = """
@@ -45,7 +46,17 @@ undefined | _x | name._x | name.__class__ | name.format(1) | items.append(3) | t
 def expressions_of_all_kinds():
     answers = {}
     texts = [text.strip() for line in EXPRESSIONS.strip().splitlines() for text in line.split(" | ")]
-    for text in [*texts, "6 | 9", "1" + 9_999 * " ", "1" + 10_000 * " "]:
+    for text in [
+        *texts,
+        "6 | 9",
+        "2 ** 4000 * 2 ** 200",
+        "2 ** 4000 * 2 ** 90",
+        "long",
+        "long + long",
+        "len(short + short)",
+        "1" + 9_999 * " ",
+        "1" + 10_000 * " ",
+    ]:
         try:
             value = evaluate(text, NAMES, FUNCTIONS)
         except Refused as error:
