@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from recorded_models import ShortRecords, described, pose, rounded
@@ -15,8 +17,10 @@ from twistwrench.formats.xml import xml_text
 from twistwrench.mechanics.lie import se3
 from twistwrench.mechanics.model.builder import ModelBuilder
 
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed", exc_type=ImportError)
+mujoco = pytest.importorskip("mujoco", minversion="4.0", reason="MuJoCo 4 is not installed")
+pinocchio = pytest.importorskip(
+    "pinocchio", minversion="4.0", reason="Pinocchio 4 is not installed", exc_type=ImportError
+)
 records = ShortRecords(__file__)
 
 CRAB = """<mujoco model="crab">
@@ -133,6 +137,44 @@ def elements_of_the_crab():
         if element.tag == "joint" and "type" in element.attributes
     ]
     return {"sections": lines, "joints": joints, "names": root.joints, "notes": list(map(str, root.notes))}
+
+
+MOTORS = """<mujoco><worldbody><body name="a"><joint name="j" stiffness="2 1" damping="0.5 0.1"/><inertial pos="0 0 0.1" mass="1" diaginertia="1 1 1"/>
+<site name="s"/><site/><body name="c" pos="0 0 1"><joint name="k" type="slide"/><geom size="0.1"/><site name="crank"/></body></body>
+<body name="d" pos="1 0 0"><joint name="n" type="ball" armature="0.25"/><geom size="0.1"/><site name="slider"/></body></worldbody>
+<actuator><dcmotor joint="j" motorconst="0.08" resistance="0.7" inductance="0.002" saturation="0.5" gear="-50" lugre="900 3 0.02 0.03 0.5" cogging="0.01 7"
+armature="0.01" damping="0.02 0.1"/><motor joint="k" ctrlrange="-1 3" gear="2"/>{}</actuator>
+<equality><weld site1="s" site2="crank"/></equality></mujoco>"""
+
+
+@records.of
+def motors_compiled_by_mujoco():
+    answers = {}
+    for more in ("", '<general cranksite="crank" slidersite="slider" cranklength="0.5"/>'):
+        model = mujoco.MjModel.from_xml_string(MOTORS.format(more))
+        model.dof_armature[-3:] = (0.25, 0.5, 0.75)
+        answer = described(built(read_mujoco_model, model))
+        answers[more] = {
+            key: answer.get(key)
+            for key in (
+                "limits",
+                "friction",
+                "armature",
+                "springs",
+                "actuators",
+                "motor joints",
+                "closures",
+                "sites",
+                "notes",
+            )
+        }
+    still = "<mujoco><worldbody><body name='b' pos='1 2 3'><geom size='0.1'/></body></worldbody></mujoco>"
+    answers["still"] = described(built(read_mujoco_model, mujoco.MjModel.from_xml_string(still)))
+    disabled = crab(flag="gravity")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delitem(sys.modules, "mujoco")
+        answers["without the library"] = built(read_mujoco_model, disabled).gravity
+    return answers
 
 
 # ── Pinocchio
@@ -270,6 +312,26 @@ def pinocchio_values(model):
     }
 
 
+FOLLOWER = """<robot name="r"><link name="base"/>{}
+<joint name="j" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/><limit lower="-1" upper="2" velocity="3" effort="4"/></joint>
+<joint name="k" type="{}"><parent link="a"/><child link="b"/><origin xyz="0.1 0.2 0.3"/><axis xyz="{}"/><limit lower="-1" upper="2" velocity="3"
+effort="4"/><mimic joint="j" multiplier="-0.5" offset="0.25"/></joint></robot>"""
+
+
+@records.of
+def followers_of_pinocchios():
+    links = "".join(
+        f'<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        for name, mass in (("a", 1), ("b", 2))
+    )
+    answers = {}
+    for kind, axis in (("prismatic", "0.6 0 0.8"), ("revolute", "0 1 0"), ("revolute", "0 0.6 0.8")):
+        model = pinocchio.buildModelFromXML(FOLLOWER.format(links, kind, axis), mimic=True)
+        model.referenceConfigurations["home"] = np.array([0.75])
+        answers[f"{kind} {axis}"] = described(built(read_pinocchio_model, model))
+    return answers
+
+
 @records.of
 def a_rig_as_pinocchios_model():
     model = rig(normal=(0, 0, 1)).build(quiet=True, inertia="accept")
@@ -299,6 +361,10 @@ def a_floating_robot_as_pinocchios_model():
     builder.add_joint("hang", "helical", "hull", "keel", axis=(0, 0, 1), pitch=0.5, upper=3)
     builder.add_configuration("moored", {"turn": [0.5], "root_joint": [0.6, 0.8, 0, 0, 1, 2, 3], "hang": [0.25]})
     builder.add_spring({"turn": 1.0}, 5.0)
+    builder.add_link("drill", solid(0.5))
+    builder.add_joint("bore", "helical", "sail", "drill", axis=(0.6, 0, 0.8, 0.4, 0.5, 0.2))
+    builder.add_link("spin", solid(0.25))
+    builder.add_joint("spin", "continuous", "sail", "spin", axis=(0.6, 0, 0.8))
     model = builder.build(floating_base=True, quiet=True)
     found, lost = pinocchio_of(model)
     values = pinocchio_values(found)
