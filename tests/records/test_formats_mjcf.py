@@ -580,6 +580,7 @@ def included_files(folder):
             [str(n) for n in model.defects],
         ]
 
+    (other / "options.xml").write_text('<mujoco><option gravity="7 8 9"/></mujoco>')
     (other / "tool.xml").write_text("<mujocoinclude>" + body.format("third tool", 8, "") + "</mujocoinclude>")
     (other / "hand.xml").write_text("<mujocoinclude>" + body.format("third hand", 9, "") + "</mujocoinclude>")
     names = [path.name for path in files if path.parent == home and "deep" not in path.name]
