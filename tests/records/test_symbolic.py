@@ -681,6 +681,49 @@ def expressions_in_all_notations():
 
 
 @records.of
+def columns_that_are_too_wide():
+    """Columns of entries on both sides of the width of a page, beside labels of two lengths."""
+    terms = sympy.symbols("a_1:29")
+    answers = {}
+    for label in ("p_2", "omega_12"):
+        for count in range(23, 28):
+            column = sympy.ImmutableMatrix([sympy.Add(*terms[:count]), terms[0], -terms[1]])
+            step = equations.Step(
+                "positions", "", ((equations.Label(label), column), (equations.Label("p_1"), column[:1, :]))
+            )
+            lines = documents._aligned_lines(step, documents.Latex())
+            answers[f"{label} {count}"] = [[line[:16], len(line), line.count("quad")] for line in lines]
+    return answers
+
+
+@records.of
+def numbers_that_are_rounding():
+    """A centre of mass and products of inertia that are rounding errors have no symbols."""
+    answers = {}
+    for dust in (1e-18, 2e-15, 4e-15, 1e-12):
+        builder = ModelBuilder("dust")
+        builder.add_link("base")
+        builder.add_link("arm", body(1.0, (0.25, dust, 0.0), (0.1, 0.2, 0.25), (dust, 0.0, -dust)))
+        builder.add_joint("j", "revolute", "base", "arm", placement=at(0.5, dust), axis=(0, 0, 1))
+        answers[str(dust)] = [[p.name, p.meaning] for p in model_entries(builder.build(quiet=True)).parameters]
+    return answers
+
+
+@records.of
+def lines_of_routines():
+    """Numbers of inputs and of lines of each function: only what its results need."""
+    answers = {}
+    for name, options in (("machine", {"form": "named"}), ("arm", {})):
+        found = derived(name, **options)
+        safe = source_code.ordered_names(found)
+        routines = [source_code.routine(found, function, safe) for function in source_code.FUNCTIONS]
+        answers[name] = [
+            [r.name, len(r.inputs), len(r.lines) if found.definitions else 0, len(r.results)] for r in routines
+        ]
+    return answers
+
+
+@records.of
 def lines_that_are_broken():
     text = "a + b (c + d − sin(e + f)) − g_{h + i} (j + k (l − m) + n) + oooooooooooooooooooooo − p"
     answers = {str(width): line_breaks.break_lines(text, width, len) for width in (1, 8, 15, 25, 40, 90)}
