@@ -689,7 +689,9 @@ def columns_that_are_too_wide():
         for count in range(23, 28):
             column = sympy.ImmutableMatrix([sympy.Add(*terms[:count]), terms[0], -terms[1]])
             step = equations.Step(
-                "positions", "", ((equations.Label(label), column), (equations.Label("p_1"), column[:1, :]))
+                "positions",
+                "",
+                ((equations.Label(label), column), (equations.Label("p_1"), sympy.ImmutableMatrix(terms[:3]))),
             )
             lines = documents._aligned_lines(step, documents.Latex())
             answers[f"{label} {count}"] = [[line[:16], len(line), line.count("quad")] for line in lines]
