@@ -220,7 +220,7 @@ def expand_model(model: Element) -> SdfModel:
             default_reference = model_frame  # the format's default of relative_to
             attached_to = name
             if child.tag == "joint":
-                attached_to = scope + _name_at_end(child, "child")
+                attached_to = _scoped_frame(_name_at_end(child, "child"), scope)
                 default_reference = attached_to
                 expanded.joints[name] = child
             elif child.tag == "frame":
@@ -436,7 +436,7 @@ class _SdfReader:
         name = word(joint, tag)
         if name == WORLD:
             return WORLD
-        return self.parts.link_of(scope + name, joint)
+        return self.parts.link_of(_scoped_frame(name, scope), joint)
 
     def _add_axis(self, name: str, frame: SdfFrame, tag: str, parent: str, child: str, T: Array, T_cj: Array) -> None:
         """Add a one-degree joint with the axis in ``<axis>`` or ``<axis2>``, which ``tag`` names.

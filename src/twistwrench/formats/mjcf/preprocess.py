@@ -403,7 +403,8 @@ class Meshes:
         if mode == "convex":
             faces = _hull(vertices, element)
         if mode == "legacy":
-            volume, parameters = _legacy_volume_and_parameters(vertices[faces])
+            with np.errstate(invalid="ignore"):  # without area or volume, 0/0 is nan, which is refused below
+                volume, parameters = _legacy_volume_and_parameters(vertices[faces])
         else:
             volume, parameters = _volume_and_parameters(vertices[faces], np.zeros(3), signed=True)
         if not volume > 0:

@@ -165,8 +165,9 @@ def _request_to_child(
     if path is not None:
         readable_folders += [path.resolve().parent, *_package_around(path)]
     readable_folders += folders
-    for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
-        folder_names = os.environ.get(variable, "").split(os.pathsep)
+    environment = {variable: os.environ.get(variable, "") for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")}
+    for value in environment.values():
+        folder_names = value.split(os.pathsep)
         readable_folders += [Path(name) for name in folder_names if name]
     return {
         "text": text,
@@ -175,6 +176,7 @@ def _request_to_child(
         "include_paths": [str(folder) for folder in folders],
         "folders": [str(folder.resolve()) for folder in readable_folders],
         "bytes": MAX_BYTES,
+        "environment": environment,  # a child process may be older than the value
     }
 
 

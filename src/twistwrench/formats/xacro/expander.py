@@ -42,6 +42,7 @@ def expand(request: Mapping[str, Any]) -> dict[str, Any]:
 
     bounds = _install_audit_hook()
     arguments = Arguments(request["arguments"])
+    os.environ.update(request["environment"])  # where packages are found
     packages.reset()
     if request["include_paths"]:
         packages.look_in(list(request["include_paths"]))

@@ -103,7 +103,7 @@ class _Evaluator:
                 a, b = self.value(left), self.value(right)
                 _check_growth(op, a, b)
                 if type(op) not in _BINARY_OPERATORS:
-                    return _refuse(op)
+                    return _refuse(node)
                 return self._check_value(_BINARY_OPERATORS[type(op)](a, b))
             case ast.UnaryOp(op=op, operand=operand):
                 operate = _UNARY_OPERATORS[type(op)]
