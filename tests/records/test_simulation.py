@@ -207,12 +207,17 @@ def friction_by_law_and_method():
             if label == "coupled" and method == "semi_implicit":
                 continue
 
-            def run(**options):
-                return robot.simulate(Q0, [0.02, -0.01, 0.5], 0.02, 0.01, method=method, friction=True, **options)
-
-            answers[f"{label}, {method}"] = brief(run(tau=[0.4, 11.0, 0.2]))
+            start = {
+                "q0": Q0,
+                "dq0": [0.02, -0.01, 0.5],
+                "duration": 0.02,
+                "dt": 0.01,
+                "method": method,
+                "friction": True,
+            }
+            answers[f"{label}, {method}"] = brief(robot.simulate(**start, tau=[0.4, 11.0, 0.2]))
             if method != "semi_implicit":
-                answers[f"{label}, {method}, creep"] = brief(run(creep=0.04))
+                answers[f"{label}, {method}, creep"] = brief(robot.simulate(**start, creep=0.04))
     held = arm().simulate([0.0, 0.05, 0.3], None, 0.05, 0.01, method="semi_implicit", friction=True)
     stops = arm().simulate(
         Q0, [0.03, 0.02, 0.0], 0.2, 0.01, method="semi_implicit", friction=True, tau=[-2.4, 9.4, 0.3]
