@@ -249,6 +249,8 @@ def ends_at_position_limits():
         "at two limits, outward": ([0.875, -0.25, 0.2], [0.5, -0.7, 0.1]),
         "at rest at a limit, falling out": ([-1.125, 0.1, 0.2], [0.0, 0.0, 0.0]),
         "at rest at another limit": ([0.875, 0.1, 0.2], [0.0, 0.0, 0.0]),
+        "at rest, falling out above": ([-0.5, 0.375, 0.2], [0.0, 0.0, 0.0]),
+        "at rest, falling out below": ([0.6, -0.25, 0.2], [0.0, 0.0, 0.0]),
     }
     for name, (q0, dq0) in starts.items():
         for method in ("rk4", "semi_implicit", "dopri5"):
