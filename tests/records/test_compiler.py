@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import re
 from collections import Counter
 from dataclasses import replace
@@ -21,7 +22,15 @@ from twistwrench.compiler.lowering.reference_interpreter import evaluated, funct
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, CompilerFacts, Machine
 from twistwrench.compiler.printers.c99 import FUSED_MACROS, CFunction, identifier, literal
 from twistwrench.compiler.printers.cuda import CudaFunction
-from twistwrench.compiler.runtime import batch_threads, dispatch_ir, interpreter, result_pool, xla_handler
+from twistwrench.compiler.runtime import (
+    batch_threads,
+    dispatch,
+    dispatch_ir,
+    elf_loader,
+    interpreter,
+    result_pool,
+    xla_handler,
+)
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
@@ -114,6 +123,10 @@ def folded_expressions():
         [written(e) for e in x_op]
         for x_op in (x + arrays, arrays - x, x - arrays, x * arrays, arrays / x, x / arrays, x**arrays)
     ]
+    answers["refused traces"] = [
+        refusal(lambda: trace(lambda x: (x, x), [("x", ())], ["one"])), refusal(lambda: trace(lambda x: x, [("x", ())], ["one", "two"])),
+    ]  # fmt: skip
+    answers["turned from zero"] = written(owner.zero.turned(x).sin())
     return answers
 
 
@@ -397,6 +410,9 @@ def texts_of_long_programs():
                 texts = list(lower.modules(FORMS[name](), DOUBLE, MACHINES[machine_name]))
                 answers[f"{name}, {machine_name}"] = [text_of(text) for text in texts]
         patch.setattr(lower, "MAX_INSTRUCTIONS", 10_000)
+        patch.setattr(lower, "MAX_UNCUT_OUTPUTS", len(every().results))
+        answers["just not wide"] = [text_of(text) for text in lower.modules(every(), DOUBLE, MACHINES["four lanes"])]
+        patch.setattr(lower, "MAX_UNCUT_OUTPUTS", 20)
         answers["cut in blocks"] = [text_of(text) for text in lower.modules(every(), DOUBLE, MACHINES["four lanes"])]
         from twistwrench.compiler.lowering.spill_frame import SpillFrame
 
@@ -679,6 +695,117 @@ def blocks_of_a_pool():
             starts[0] % 64 == 0 or len(shapes) == 2,
         ]
     answers["limits"] = [result_pool.bound() > 0, result_pool.MAX_POOL, result_pool.MIN_SEPARATE]
+    return answers
+
+
+SECTIONS = np.dtype([(n, "<u4") for n in ("name", "type")] + [(n, "<u8") for n in ("flags", "address", "offset", "size")]
+                    + [(n, "<u4") for n in ("link", "info")] + [("align", "<u8"), ("entry", "<u8")])  # fmt: skip
+
+
+def elf_file(change=lambda rows: None, *, machine=62, magic=b"\x7fELF\x02\x01", relocation_type=4, cut=0):
+    """Object file with two functions and a constant; ``change`` may alter the table of its sections."""
+    code, constants = bytes(range(40)), bytes(range(100, 124))
+    names = b"\0start\0cosh\0second\0"
+    fields = [("name", "<u4"), ("kind", "u1"), ("other", "u1"), ("section", "<u2"), ("value", "<u8"), ("size", "<u8")]
+    symbols = np.zeros(5, np.dtype(fields))
+    symbols["name"], symbols["kind"] = (0, 1, 7, 12, 12), (0, 0x12, 0x10, 0x12, 0x03)
+    symbols["section"], symbols["value"] = (0, 1, 0, 1, 2), (0, 4, 0, 20, 8)
+    fields = [("place", "<u8"), ("type", "<u4"), ("symbol", "<u4"), ("addend", "<i8")]
+    relocations = np.zeros(3, np.dtype(fields))
+    relocations["place"], relocations["type"] = (6, 13, 36), (2, relocation_type, 2)
+    relocations["symbol"], relocations["addend"] = (2, 4, 3), (-4, 3, -7)
+    parts = [b"", code, constants, symbols.tobytes(), names, relocations.tobytes(), b"notes"]
+    rows = np.zeros(7, SECTIONS)
+    rows["type"] = (0, 1, 1, 2, 3, 4, 7)
+    rows["flags"], rows["align"] = (0, 6, 2, 0, 0, 0, 0), (0, 16, 32, 8, 0, 8, 4)
+    rows["link"], rows["info"], rows["size"] = (0, 0, 0, 4, 0, 3, 0), (0, 0, 0, 2, 0, 1, 0), list(map(len, parts))
+    rows["offset"] = 64 + np.concatenate([[0], np.cumsum(rows["size"])[:-1]])
+    change(rows)
+    contents = b"".join(parts)
+    header = bytearray(64)
+    header[:6] = magic
+    header[16:20] = (1).to_bytes(2, "little") + machine.to_bytes(2, "little")
+    header[40:48] = (64 + len(contents)).to_bytes(8, "little")
+    header[60:62] = len(rows).to_bytes(2, "little")
+    raw = bytes(header) + contents + rows.tobytes()
+    return raw[: len(raw) - cut]
+
+
+@records.of
+def object_files_and_their_image():
+    file = elf_loader.read_elf(elf_file())
+    answers = {
+        "file": [
+            str(file.sections),
+            str(file.names),
+            file.symbol_sections,
+            file.offsets,
+            [x.decode() for x in sorted(file.undefined())],
+        ],
+        "relocations": [[r.section, r.places, r.symbols, r.addends] for r in file.relocations],
+    }
+    other = file._replace(names=[b"", b"third", b"second", b"fourth", b""], symbol_sections=[0, 1, 0, 2, 2])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(elf_loader, "_library_function", lambda name: 0x0102030405060700 + len(name))
+        for name, files in {"one": [file], "two": [file, other], "two, reversed": [other, file]}.items():
+            image, offsets = elf_loader.link_files(files)
+            answers[f"image of {name}"] = [image.tobytes().hex(), str(offsets)]
+        for name, places in {"before": [-1], "after": [37], "at the end": [36]}.items():
+            moved = file._replace(
+                relocations=[elf_loader.Relocations(1, np.array(places), np.array([3]), np.array([-4]))]
+            )
+            try:
+                answers[f"relocation {name}"] = elf_loader.link_files([moved])[0].tobytes().hex()
+            except RuntimeError as error:
+                answers[f"relocation {name}"] = str(error)
+        unknown = file._replace(names=[b"", b"start", b"", b"second", b""])
+        answers["unknown symbol"] = refusal(lambda: elf_loader.link_files([unknown]))
+    answers["rounded"] = [elf_loader._round_up(*x) for x in ((0, 16), (1, 16), (16, 16), (17, 16))]
+
+    def altered(field, row, value):
+        return lambda rows: rows[field].__setitem__(row, value)
+
+    for name, raw in {
+        "machine": elf_file(machine=3), "magic": elf_file(magic=b"\x7fELF\x01\x01"), "relocation": elf_file(relocation_type=1), "cut": elf_file(cut=1),
+        "written": elf_file(altered("flags", 1, 7)), "zeros": elf_file(altered("type", 2, 8)), "truncated": elf_file(altered("size", 2, 5000)),
+        "align": elf_file(altered("align", 2, 8192)), "two tables of symbols": elf_file(altered("type", 6, 2)), "no table of symbols": elf_file(altered("type", 3, 3)),
+    }.items():  # fmt: skip
+        answers[name] = refusal(lambda raw=raw: elf_loader.read_elf(raw))
+    for name, change in {
+        "unwinding": altered("type", 2, 0x70000001), "align of a page": altered("align", 2, 4096), "no align": altered("align", 1, 0),
+        "relocations of notes": altered("info", 5, 6), "not loaded": altered("flags", 2, 0),
+    }.items():  # fmt: skip
+        found = elf_loader.read_elf(elf_file(change))
+        answers[name] = [{k: section.align for k, section in found.sections.items()}, len(found.relocations)]
+    return answers
+
+
+@records.of
+def layouts_of_calls():
+    program = trace(lambda q, h: (q * h, q + h), [("q", (3,)), ("h", ())], ["a", "b"])
+    number = trace(lambda q: q @ q, [("q", (3,))], ["e"])
+    two = trace(lambda q: (q @ q, q), [("q", (3,))], ["e", "f"])
+    empty = trace(lambda q: q, [("q", (0,))], ["e"])
+
+    def method(q, h, frame="tool", *, local=None, out=None): ...
+
+    def short(q, needed, out=None): ...
+
+    answers = {}
+    for name, (form, function, given) in {
+        "plain": (program, method, {}), "single": (program, method, {"char": "f"}), "a sample": (program, method, {"batch": (1, 1)}),
+        "two samples": (program, method, {"batch": (2,)}), "option": (program, method, {"options": (("frame", "tool"), ("local", True))}),
+        "another option": (program, method, {"options": (("frame", "hand"),)}), "unknown option": (program, method, {"options": (("nose", 1),)}),
+        "needed": (number, short, {"options": (("needed", 3),)}), "not given": (number, short, {}), "too few": (program, lambda q: 0, {}),
+        "number": (number, lambda q, out=None: 0, {}), "number in a tuple": (two, lambda q, out=None: 0, {}), "empty": (empty, lambda q, out=None: 0, {}),
+        "no out": (number, lambda q: 0, {}),
+    }.items():  # fmt: skip
+        answers[name] = str(dispatch._layout(form, inspect.signature(function), dispatch.CallSignature(**given)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dispatch, "assemble", lambda text, symbol, _machine: [text, symbol])
+        for arguments in ((5, 3, 2, 4), (9, 70, 0, 8)):
+            text, symbol = dispatch._row_code.__wrapped__(*arguments, MACHINES["four lanes"])
+            answers[f"row code {arguments}"] = [symbol, *text_of(text)]
     return answers
 
 
