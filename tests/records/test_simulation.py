@@ -118,12 +118,13 @@ def whole(result):
 
 def brief(result):
     """Rows, end, sums, works, counts, errors and events of a result, and what it says of itself."""
+    is_iterated = result.method == "midpoint" or "variational" in result.method  # up to rounding errors
     return [
         len(result),
         [result.times[-1], *result.q[-1], *result.dq[-1], *result.ddq[-1], *result.tau[-1]],
         [result.times.sum(), *result.q.sum(axis=0), *result.dq.sum(axis=0)],
         [result.work[name][-1] for name in result.work],
-        [result.steps, result.rejected, result.evaluations],
+        [result.steps, result.rejected, None if is_iterated else result.evaluations],
         result.error_estimate,
         [f"{event} {event.q.sum():.5f} {event.dq.sum():.5f}" for event in result.events],
         said(result),

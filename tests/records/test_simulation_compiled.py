@@ -11,7 +11,7 @@ from mechanisms import GROUND, four_bar, pins
 from recorded_answers import Records
 
 import twistwrench as tw
-from twistwrench.simulation import Event, JointStops, Plane
+from twistwrench.simulation import Event, JointStops, Plane, rollout_steps
 
 records = Records(__file__)
 
@@ -140,6 +140,11 @@ def steps_under_functions():
             answers[f"{name}, {method}"] = [*found_in(found), sum(shares)]
     long = arm.simulate(Q0, DQ0, 0.4, 0.001, method="semi_implicit", tau=pushes, friction=True)
     answers["two blocks"] = found_in(long)
+    shares = []
+    arm.simulate(Q0, DQ0, 0.25, 0.001, method="rk4", progress=shares.append)
+    answers["reports of progress"] = [len(shares), shares[:3], shares[-1]]
+    pulse = lambda t, q, dq: [40.0 * np.exp(-(((t - 0.0227) / 4e-4) ** 2)), 3.0]  # noqa: E731
+    answers["missed impulses"] = found_in(arm.simulate(Q0, DQ0, 0.05, 0.01, method="rk4", tau=pulse))
     events = [
         Event(lambda t, q, dq: q[0] - 0.27, "low", direction="down"),
         Event(lambda t, q, dq: t - 0.064, "bell", terminal=True),
@@ -209,6 +214,38 @@ def batches_side_by_side():
 
 @records.of
 @compiled
+def rollouts_in_slices():
+    arm = robot_of("arm")
+    rng = np.random.default_rng(4)
+    q0, tau = np.array(Q0) + 0.1 * rng.normal(size=(40, 2)), rng.normal(size=(12, 2))
+    answers = {}
+    for name, options in {
+        "rk4": {"method": "rk4"},
+        "torques": {"torques": True, "torque_limits": [0.5, 1.0]},
+        "every": {"torques": True, "every": 4},
+    }.items():
+        whole = arm.rollout(q0, DQ0, tau, dt=0.01, **options)
+        answers[name] = [
+            whole.q.sum(axis=0),
+            whole.dq.sum(axis=0),
+            None if whole.tau is None else whole.tau.sum(axis=0),
+        ]
+        with pytest.MonkeyPatch.context() as patch:
+            for operations in (3e4, 3e5):
+                patch.setattr(rollout_steps, "OPERATIONS_PER_CALL", operations)
+                found = arm.rollout(q0, DQ0, tau, dt=0.01, **options)
+                same = [np.array_equal(a, b) for a, b in ((found.q, whole.q), (found.dq, whole.dq))]
+                answers[f"{name}, {operations:g} operations"] = [
+                    *same,
+                    whole.tau is None or np.array_equal(found.tau, whole.tau),
+                ]
+    gradient = arm.rollout(q0, DQ0, tau, dt=0.01, every=4, gradients=True).gradient(q=1.0, dq=[0.3, -0.2])
+    answers["gradient"] = [gradient.q0.sum(axis=0), gradient.dq0, gradient.tau]
+    return answers
+
+
+@records.of
+@compiled
 def closed_steps():
     closed = robot_of("linkage")
     B, C = pins(1.2)
@@ -223,6 +260,8 @@ def closed_steps():
     ):
         found = closed.simulate(q, dq, 0.0225, 0.0025, method=method, tau=[0.4, -0.2, 0.3], every=2, **options)
         answers[method] = [*found_in(found), found.lam[-1], found.lam.sum(axis=0), found.gap_before, found.slip_before]
+    long = closed.simulate(q, dq, 0.09, 0.01, method="semi_implicit", friction=True)
+    answers["ends off the constraints"] = [*found_in(long), long.gap_before, long.slip_before]
     stopped = failed(lambda: closed.simulate(q, 40.0 * dq, 0.09, 0.01, method="semi_implicit"))
     answers["too fast"] = [re.sub(r"and \S+ remains", "and some remains", stopped[0]), stopped[1][0]]
     return answers
