@@ -11,6 +11,7 @@ from recorded_answers import Records, refusal
 
 import twistwrench as tw
 from twistwrench.simulation import BatchComputedTorque, BatchPD, Event, JointStops
+from twistwrench.simulation.methods.closed_steps import Loops, loses_rank
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
@@ -325,6 +326,19 @@ def motions_of_closed_robots():
         closed.simulate(q, dq, 0.06, 0.02, tau=lambda t, q, dq: [np.nan if t > 0.04 else 0.1, 0.0, 0.0])
     answers["failed"] = [str(caught.value), of_closed(caught.value.result)]
     return answers
+
+
+@records.of
+def pivots_of_constraints():
+    q, dq = closed_start()
+    loops = Loops(robot_of("linkage"))
+    y = np.concatenate([q, dq, np.zeros(4)])
+    pairs = ((0.02, 1.0), (0.009, 0.03), (0.009, 0.04), (0.0099, 0.0397), (np.nan, 1.0), (0.0, 0.0), (1e-20, 1e-20))
+    return [
+        loops.onto(0.0, y.copy()),
+        loops.smallest_pivot(y),
+        [bool(loses_rank(np.array(x), before)) for x, before in pairs],
+    ]
 
 
 @records.of
