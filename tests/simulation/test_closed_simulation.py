@@ -51,6 +51,15 @@ def test_loops_stay_closed_after_every_step(linkage, start, method):
     assert 1e-12 < found.gap_before < 1e-3, "and what the steps left is said"
 
 
+def test_errors_are_known_where_compiled_steps_end_off_the_constraints(linkage):
+    B, C = pins(1.2)
+    (x, z), (u, w) = C - B, C - [GROUND, 0.0]
+    q = linkage.consistent([1.2, np.arctan2(z, x) - 1.2, np.arctan2(w, u)])
+    dq = linkage.project_velocity(q, [9.0, 0.0, 0.0])
+    found = linkage.simulate(q, dq, duration=0.09, dt=0.01, method="semi_implicit")
+    assert found.completed and 0.01 < found.relative_error < 0.1
+
+
 def test_energy_is_conserved_to_the_order_of_the_method(linkage, start):
     coarse, fine = (np.abs(linkage.simulate(*start, duration=2.0, dt=dt).drift).max() for dt in (0.008, 0.004))
     assert fine < coarse / 12, "an order of four is a sixteenth"

@@ -191,6 +191,8 @@ class Run:
             if self.compiled is not None:
                 flow = self.compiled
             step_error = self.doubling.errors(flow, extent.spans)
+            if step_error is None and self.compiled is not None:  # its half steps ended off the constraints
+                step_error = self.doubling.errors(OneByOne(self.system, self.scheme), extent.spans)
         if step_error is not None:
             self.accuracy = Accuracy.from_error(extent, step_error)
         last_time, _ = self.last
