@@ -59,6 +59,26 @@ CRANE = "".join([
     "</robot>",
 ])  # fmt: skip
 """A revolute pair, a boom that slides, and a gripper of which one finger follows the other; the tip is the hook."""
+LEGS = ((1.1, 0.31, (0.33, 0.02), 0.02), (1.2, 0.27, (-0.21, 0.25), -0.03), (1.3, 0.29, (-0.17, -0.28), 0.05))
+"""Mass of the thigh, of the shank, place of the hip and lean of the foot of each leg of the tripod."""
+TRIPOD = "".join([
+    '<robot name="tripod">',
+    _link("hull", 4.1, "0.03 -0.02 0.05", (0.1, 0.2, 0.15, 0.011, -0.007, 0.003)),
+    *(
+        _link(f"thigh{k}", m, "0.02 0.01 -0.17", (0.012, 0.011, 0.003, 0.0002, 0.0001, -0.0001))
+        + _link(f"shank{k}", n, "-0.01 0.02 -0.15", (0.003, 0.0032, 0.0007, 0.0001, 0.0002, -0.0001))
+        + f'<link name="foot{k}"/><joint name="sole{k}" type="fixed"><parent link="shank{k}"/><child link="foot{k}"/>'
+        f'<origin xyz="{lean} 0 -0.32"/></joint>'
+        + _joint(f"hip{k}", "revolute", "hull", f"thigh{k}", (f"{place[0]} {place[1]} 0", "0 0 0"), "0 1 0",
+                 (-1.2, 1.3 + 0.1 * k, 31 + 7 * k, 5), (0.1, 0.2))
+        + _joint(f"knee{k}", "revolute", f"thigh{k}", f"shank{k}", ("0.01 0 -0.35", "0 0 0"), "0.1 1 0",
+                 (-1.9, 0.4, 27 - 4 * k, 6), (0.1, 0.1))
+        for k, (m, n, place, lean) in enumerate(LEGS)
+    ),
+    '<link name="mast"/><joint name="on_top" type="fixed"><parent link="hull"/><child link="mast"/><origin xyz="0.1 0.05 0.2"/></joint>',
+    "</robot>",
+])  # fmt: skip
+"""Three legs of two joints that hang below a hull, each with its own masses and limits."""
 AMPLITUDES = np.array([0.7, -0.5, 0.11, 0.012])
 MIDDLES = np.array([0.2, 0.35, 0.1, 0.018])
 RATES = np.array([2.1, 2.9, 3.7, 4.3])
@@ -79,6 +99,11 @@ def quietly(call):
 @functools.cache
 def crane():
     return quietly(tw.load)(CRANE, gravity=GRAVITY, tip="hook")
+
+
+@functools.cache
+def tripod():
+    return quietly(tw.load)(TRIPOD, tip="mast")
 
 
 def uneven(rows, step=0.02):
