@@ -180,7 +180,7 @@ def comparisons_of_torques():
 
     rows = TorqueComparison.from_rows(t[:40], c[:40], m[:40], sigma[:40], doubted[:40])
     cut = {}
-    for name, (count, rows, varies, variance, step) in {
+    for name, (count, all_rows, varies, variance, step) in {
         "29 rows": (29, 100, 1.0, 2.0, 0.1), "30 rows": (30, 100, 1.0, 2.0, 0.1),
         "share below": (60, 3010, 1.0, 2.0, 0.1), "share above": (60, 2990, 1.0, 2.0, 0.1),
         "varies less": (40, 100, 0.0049, 2.0, 0.0), "varies more": (40, 100, 0.0051, 2.0, 0.0),
@@ -191,7 +191,7 @@ def comparisons_of_torques():
         sums = np.array([[count], [count * mean], [count * (mean**2 + varies)]], float)
         for value in (5.0, 0.0):
             at = _AtExtreme(np.array([value]), np.array([value - step if step else -np.inf]), sums)
-            cut[f"{name} {value}"] = at.cut(rows, np.array([variance]))
+            cut[f"{name} {value}"] = at.cut(all_rows, np.array([variance]))
     zero = TorqueComparison.from_rows(t[:40], c[:40, :1], 0 * m[:40, :1], sigma[:40, :1], doubted[:40])
     steps = {}
     for step in (0.04, 0.06):
