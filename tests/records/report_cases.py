@@ -71,7 +71,7 @@ TRIPOD = "".join([
         f'<origin xyz="{lean} 0 -0.32"/></joint>'
         + _joint(f"hip{k}", "revolute", "hull", f"thigh{k}", (f"{place[0]} {place[1]} 0", "0 0 0"), "0 1 0",
                  (-1.2, 1.3 + 0.1 * k, 31 + 7 * k, 5), (0.1, 0.2))
-        + _joint(f"knee{k}", "revolute", f"thigh{k}", f"shank{k}", ("0.01 0 -0.35", "0 0 0"), "0.1 1 0",
+        + _joint(f"knee{k}", "revolute", f"thigh{k}", f"shank{k}", ("0.01 0 -0.35", "0 0 0"), "0 1 0",
                  (-1.9, 0.4, 27 - 4 * k, 6), (0.1, 0.1))
         for k, (m, n, place, lean) in enumerate(LEGS)
     ),
