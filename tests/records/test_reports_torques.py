@@ -85,7 +85,7 @@ def figures(report):
 def loaded_report():
     return tw.check(
         crane(), motion(scale=1.6), payload=PAYLOAD, wrench_on_robot={"turret": WRENCH}, degrees=True, why=True,
-        bolts="5x0.31", mounting="eye",
+        bolts="5x0.31", mounting="post",
     )  # fmt: skip
 
 
