@@ -245,6 +245,28 @@ def noise_of_support():
     return table
 
 
+@records.of(relative=1e-6)
+def load_case_of_a_standing_robot():
+    """Torques with and without loads, their causes, and the mass matrix of a base that contacts bear."""
+    load = swaying_report().load
+    s = slope.samples(swaying_report().motion, slice(2, 5))
+    plain = replace(load, friction=False, payloads=(), wrenches={})
+    forces, carrying = load.contact(s)
+    return {
+        "torques": load.torques(s),
+        "unloaded": load.unloaded_torques(s),
+        "air": load.torques_in_the_air(s),
+        "terms": load.terms(s),
+        "plain terms": plain.terms(s),
+        "mass matrix": load.mass_matrix(s.q),
+        "one mass matrix": load.mass_matrix(s.q[0]),
+        "forces": [forces.forces, carrying],
+        "words": [load.causes, load.fixed_words, load.payload_mass, plain.payload_mass, plain.wrenches_on(s)],
+        "explained": load.explain(s[1]).parts,
+        "explained without friction": plain.explain(s[1]).parts,
+    }
+
+
 # ── Judgement, instant by instant
 
 

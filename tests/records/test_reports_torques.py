@@ -391,6 +391,45 @@ def spans_of_time_of_a_rate(folder):
     }
 
 
+@records.of(relative=1e-4)
+def logs_that_no_robot_makes():
+    """Torques far beyond the limits, a wrong row with and without rates of its own, a corner of the path and repeated rows."""
+    robot = crane()
+    t = 0.02 * np.arange(60)
+    q, dq, ddq = swing(t)
+    pulse = q.copy()
+    pulse[30, 1] += 0.15
+    corner = q.copy()
+    corner[25:, 0] += 1.5 * (t[25:] - t[25])
+    held = q.copy()
+    held[20:23] = held[20]
+    tau = np.asarray(robot.inverse_dynamics(q, dq, ddq)) * 1.05
+    logs = {
+        "fast": tw.Motion(t / 7, q, robot=robot, in_seconds=True),
+        "pulse": tw.Motion(t, pulse, robot=robot, in_seconds=True),
+        "pulse beside rates": tw.Motion(t, pulse, dq, ddq, robot=robot, in_seconds=True),
+        "pulse beside torques": tw.Motion(t, pulse, tau=tau, robot=robot, in_seconds=True),
+        "corner": tw.Motion(t, corner, robot=robot, in_seconds=True),
+        "corner beside torques": tw.Motion(t, corner, tau=tau, robot=robot, in_seconds=True),
+        "held": tw.Motion(t, held, robot=robot, in_seconds=True),
+    }
+    table = {}
+    for name, log in logs.items():
+        answer = tw.check(robot, log, payload=1.2)
+        spans = [list(instant) for instant in answer.spans.instants]
+        sound = None if answer.sound is None else [answer.sound.peaks, answer.sound.excesses]
+        table[name] = [
+            words_of(answer),
+            [doubt.kind for doubt in answer.doubts],
+            spans,
+            answer.spans.reach,
+            sound,
+            answer.excesses,
+        ]
+    table["fast plan"] = words_of(tw.check(robot, replace(logs["fast"], plan=True)))
+    return table
+
+
 @records.of
 def progress_of_a_check():
     finished = []
