@@ -472,6 +472,41 @@ def whole_reports(folder):
     return table  # fmt: skip
 
 
+@records.of(relative=1e-6)
+def further_findings():
+    """Limits in degrees of other formats, load errors of each kind, moments in each unit, and many findings."""
+    mjcf = '<mujoco><compiler angle="radian"/><worldbody><body name="a"><joint name="j" axis="0 1 0" range="-90 120"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.05" mass="1.2"/></body></worldbody></mujoco>'
+    table = {"mjcf in degrees": findings(mjcf, only="degrees")}
+    for x in (0.9, 2.1, 12.0, 45.0, 130.0, 900.0):
+        text = robot(
+            inertial(MASS, "0.2 0.01 0.02", np.diag([0.8, 1, 0.9]) * MASS * x**2),
+            rest=REST.replace('xyz="0.42 0.02 0.1"', 'xyz="0.05 0.02 0.01"'),
+            joint=JOINT.replace('xyz="0.1 0 0.5"', 'xyz="0.02 0 0.03"'),
+        )
+        table[f"gyration {x}"] = findings(text, only="units")
+    world = "".join(
+        f'<link name="w{k}"><inertial><mass value="{m}"/><inertia ixx="1" iyy="1" izz="{1.3 + k}" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="k{k}" type="revolute"><parent link="hand"/><child link="w{k}"/><axis xyz="0 0 2"/><limit lower="-90" upper="90" effort="1" velocity="1"/></joint>'
+        for k, m in enumerate((1.1, 0.4, 2.2, 3.1, 0.7, 0.9, 5.0, 1.6))
+    )
+    report = examine(beam().replace("</robot>", world + "</robot>"))
+    table["many"] = [shown(report.blocks()), report.summary, [str(finding) for finding in report.repairs]]
+    bad = "".join(
+        f'<joint name="x{k}" type="revolute"><parent link="hand"/><child link="lost{k}"/></joint>\n' for k in range(16)
+    )
+    table["many errors"] = refusal(lambda: examine(beam().replace("</robot>", bad + "</robot>")))
+    table["no parent"] = refusal(lambda: examine(beam().replace('<parent link="beam"/>', "")))
+    table["two parents of a joint"] = refusal(
+        lambda: examine(beam().replace('<parent link="beam"/>', '<parent link="beam"/><parent link="stand"/>'))
+    )
+    table["name"] = examine("pendulum").summary
+    table["not a robot"] = refusal(lambda: examine("<a/>"))
+    table["broken text"] = refusal(lambda: examine("<robot name='a'><link"))
+    models = '<sdf version="1.8"><world name="w"><model name="m"><link name="a"><inertial><mass>2</mass></inertial></link></model><model name="n"><link name="b"><inertial><mass>3</mass></inertial></link></model></world></sdf>'
+    table["one of two models"] = examine(models, model="n").robot
+    table["which model"] = refusal(lambda: examine(models))
+    return table
+
+
 @pytest.mark.parametrize("name", records.names)
 def test_answers_are_those_on_record(name, tmp_path):
     records.compare(name, tmp_path)

@@ -275,6 +275,25 @@ def mountings_and_their_bolts():
     return table
 
 
+@records.of
+def bolts_that_open():
+    """A load that lifts the robot pulls at its bolts."""
+    lifted = tw.check(
+        crane(), motion(rows=9), mounting=True, bolts="5x0.31", wrench_on_robot={"post": (3, -2, 1, 20, -30, 900.0)}
+    )
+    load = lifted.held.mounting
+    largest = load.pulls(load.pattern)[..., 0].max(axis=0)
+    table = {"pulls": load.pulls(load.pattern), "line": load.line}
+    for name, preload in {
+        "enough": largest + 5.0, "one": largest + np.array([9, 9, -0.5, 9, 9.0]), "two": largest + np.array([9, -2.0, -3.0, 9, 9.0]), "none": np.zeros(5),
+        "rounding": largest * (1 - 0.9e-6), "more than rounding": largest * (1 - 1.2e-6),
+    }.items():  # fmt: skip
+        one = replace(load, pattern=BoltPattern(load.pattern.places, np.maximum(preload, 0.0)))
+        report = replace(lifted, held=replace(lifted.held, mounting=one))
+        table[name] = [one.verdict, one.line, one.bolts[2], verdict_of(report)]
+    return table
+
+
 @pytest.mark.parametrize("name", records.names)
 def test_answers_are_those_on_record(name, tmp_path):
     records.compare(name, tmp_path)

@@ -452,6 +452,36 @@ def replaced_reports_keep_their_words():
     }  # fmt: skip
 
 
+@records.of
+def robots_and_motions_of_other_forms(folder):
+    """A robot of a path with drives, a table of pandas, a motion that has a log, and rows in doubt beside rates of their own."""
+    pandas = pytest.importorskip("pandas")
+    path = folder / "crane.urdf"
+    path.write_text(CRANE)
+    swung = motion()
+    frame = pandas.DataFrame(
+        np.column_stack([swung.time, swung.q, swung.dq, swung.ddq]),
+        columns=["time", *heads(crane(), "", ".vel", ".acc")],
+    )
+    t = 0.02 * np.arange(60)
+    q, dq, ddq = swing(t)
+    held = q.copy()
+    held[20:23] = held[20]
+    rates = tw.check(crane(), tw.Motion(t, held, dq, ddq, robot=crane(), in_seconds=True), payload=1.2)
+    log = _logs(folder)["torques"]
+    answers = {
+        "path": quietly(tw.check)(
+            str(path), swung, actuators="actuators: {luff: {ratio: 3, reflected_inertia: 0.1 kg m^2}}"
+        ),
+        "table": tw.check(crane(), frame),
+        "motion of a log": tw.check(crane(), tw.Motion.from_file(log, crane())),
+        "rates": rates,
+    }
+    return {name: [words_of(answer)["sentences"][0], answer.peaks, answer.excesses, [d.kind for d in answer.doubts]] for name, answer in answers.items()} | {
+        "sound": None if rates.sound is None else [rates.sound.peaks, rates.sound.excesses], "sources": list(rates.sources()),
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize("name", records.names)
 def test_answers_are_those_on_record(name, tmp_path):
     records.compare(name, tmp_path)

@@ -749,6 +749,72 @@ def drawn_motions(folder):
     }  # fmt: skip
 
 
+@records.of
+def further_reasons_and_notes():
+    """Notes on drives without limits and undriven bases, peaks beside measured ones, and pages of other robots."""
+    robots = {name: quietly(tw.load)(text) for name, text in TREES.items()}
+    wide = [{"estimate": estimate(12.0, 9.0), "raw": 20.0}]
+    measured = (good("swivel", residual=9.0, peak=-3.3),)
+    table = {"measured peak": judged(peaks(noisy(), *wide, measured=measured), notes=False)}
+    open_limits = replace(plain().limits, effort=np.array([61.0, 47.0, math.inf, math.inf]))
+    high = peaks(plain(), None, {"largest": -50.0}, excesses=(over("luff", value=-50.0),), limits=open_limits)
+    table["over and without limits"] = judged(high)
+    tripod_at = [0.2, -0.9, 0.3, 0.1, -0.2, -0.3]
+    low = {f"{part}{k}": 0.51 + 0.1 * k for part in ("hip", "knee") for k in range(3)}
+    table["hanging excess"] = words_of(quietly(tw.check)(robots["tripod"], at=tripod_at, limits={"hip1": 0.7}))
+    table["hanging, all"] = words_of(quietly(tw.check)(robots["tripod"], at=tripod_at, limits=low))
+    weightless = quietly(tw.load)(TREES["drone"], gravity=(0, 0, 0))
+    pose = np.array([1.0, 0, 0, 0, 0.4, 0.2, 0.1, 0.3])
+    table["weightless"] = words_of(quietly(tw.check)(weightless, at=pose))
+    driven = quietly(crane().with_actuators)("actuators: {luff: {ratio: 5}}")
+    table["fixed"] = [
+        why_fixed(tw.check(driven, at={"luff": 0.3}).load),
+        why_fixed(quietly(tw.check)(robots["tripod"], at=tripod_at, feet=["foot0", "foot1", "foot2"]).load),
+    ]
+    violations = motion_of(
+        tw.Robot(
+            replace(
+                crane().model,
+                limits=replace(
+                    crane().limits, upper=np.array([0.6, 0.2, 0.1, 0.01]), lower=np.array([0.55, -0.1, 0.05, 0.005])
+                ),
+            )
+        ),
+        uneven(14),
+        *swing(uneven(14)),
+    ).violations
+    stops = [violation for violation in violations if violation.kind == "position"]
+    table["arrays"] = verdict_data(plain().load, plain().limits, None, [], stops)["passed"]
+    fast = {"estimate": estimate(3.0, 0.1, speed=-1.85, speed_sigma=0.03)}
+    velocity = over("luff", "velocity", -2.2, 1.9, unit="rad/s")
+    table["noisy velocity"] = verdict_data(
+        noisy().load, noisy().limits, peaks(noisy(), None, fast, excesses=(velocity,))
+    )["noisy"]
+    why = replace(
+        peaks(noisy(), None, {"estimate": estimate(-30.0, 0.5), "largest": -31.4, "limit": 20.0}), with_why=True
+    )
+    table["why with noise"] = [
+        block for block in shown(report_view(why)) if isinstance(block, dict) and block["title"].startswith("Why")
+    ]
+    two = _drawn_with_held_rows()
+    table["drawn with doubts"] = [two.warnings, two.refused, two.verdict]
+    coupled = quietly(crane().with_actuators)(
+        "couplings: {w: {motors: [a, b], joints: [swivel, luff], motor_per_joint: [[1, 0.5], [0, 1]]}}\nactuators: {a: {ratio: 3, effort: 20 N m}, b: {ratio: 4, effort: 30 N m}}"
+    )
+    drawn = motion_of(coupled, uneven(14), *swing(uneven(14)))
+    table["drawn with couplings"] = [drawn.limits.effort, drawn.torques[3], drawn.states.dq[2]]
+    return table
+
+
+def _drawn_with_held_rows():
+    t = 0.02 * np.arange(60)
+    q, _, _ = swing(t)
+    q[20:23] = q[20]
+    return read_motion(
+        plain().load, tw.check(crane(), tw.Motion(t, q, robot=crane(), in_seconds=True)).differentiation.trajectory
+    )
+
+
 @pytest.mark.parametrize("name", records.names)
 def test_answers_are_those_on_record(name, tmp_path):
     records.compare(name, tmp_path)

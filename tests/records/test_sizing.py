@@ -455,6 +455,46 @@ def robots_to_size():
     }  # fmt: skip
 
 
+@records.of(relative=1e-6)
+def noise_that_decides_between_drives():
+    """Draws of a motion that differ so much that ratings are open, and a base that nothing holds."""
+    base = sized()
+    elbow = base.joints["elbow"]
+    limit = {demand.what: demand for demand in elbow.gear.demands}["peak torque"].value
+    table = {}
+    for factor in (0.9, 1.02, 1.3):
+        catalog = CATALOG.replace("repeated_peak: 30 N m", f"repeated_peak: {factor * limit:.9g} N m")
+        given = catalog + "actuators:\n  waist: {motor: large, gear: g100}\n  elbow: {motor: small, gear: g50}\n"
+        draws = [swing(f) for f in (0.9, 1.06, 1.12)]
+        found = sized(catalog=given, draws=draws, ambient=25.0)
+        chosen = sized(catalog=catalog, draws=draws, ambient=25.0)
+        table[str(factor)] = [
+            found.verdict, {name: [one.open, one.fits, one.sure] for name, one in found.joints.items()}, chosen.verdict, chosen.choice, chosen.brief, shown(chosen.blocks())[:4],
+        ]  # fmt: skip
+    weak = WITH_DRIVES.replace("repeated_peak: 90 N m", "repeated_peak: 9 N m").replace("gear: g50", "gear: g100")
+    over = sized(catalog=weak)
+    table["worst moment"] = [worst_moment(over), over.verdict]
+    none = sized(catalog=weak.replace("voltage: 36 V", "voltage: 1 V").replace("voltage: 48 V", "voltage: 1 V"))
+    table["no pair does it"] = smallest_drives(none, none.choose())
+    legged = quietly(tw.load)(TRIPOD, tip="mast")
+    t = 0.1 * np.arange(8)
+    k = np.arange(1, 7)
+    wave = np.outer(t, k)
+    moved = tw.Motion(
+        t, 0.3 * np.sin(wave), 0.3 * k * np.cos(wave), -0.3 * k**2 * np.sin(wave), robot=legged, in_seconds=True
+    )
+    hanging = quietly(tw.size_drives)(
+        legged,
+        moved,
+        CATALOG.replace("current_peak: 9 A", "current_peak: 0.09 A") + "actuators: {hip0: {motor: tiny, gear: p20}}",
+    )
+    table["hanging"] = hanging.verdict
+    table["read twice"] = read_catalog(read_catalog(CATALOG)).pairs
+    round_limits = quietly(tw.load)(ARM.replace('effort="90"', 'effort="1000"'))
+    names = [*(f"{name}{part}" for part in ("", ".vel", ".acc") for name in ("waist", "elbow", "push"))]
+    return table | {"names": names, "placeholders": round_limits.limits.effort}
+
+
 @pytest.mark.parametrize("name", records.names)
 def test_answers_are_those_on_record(name, tmp_path):
     records.compare(name, tmp_path)
