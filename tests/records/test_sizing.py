@@ -486,7 +486,7 @@ def noise_that_decides_between_drives():
     hanging = quietly(tw.size_drives)(
         legged,
         moved,
-        CATALOG.replace("current_peak: 9 A", "current_peak: 0.09 A") + "actuators: {hip0: {motor: tiny, gear: p20}}",
+        CATALOG.replace("voltage: 36 V", "voltage: 1 V") + "actuators: {hip0: {motor: tiny, gear: p20}}",
     )
     table["hanging"] = hanging.verdict
     table["read twice"] = read_catalog(read_catalog(CATALOG)).pairs
