@@ -335,6 +335,7 @@ def glitches_and_slices_of_a_log():
     loads = tw.check(robot, logs["positions"], payload=1.0)
     parts_of = torque_analysis.analyse(loads.load, loads.derived.differentiation, robot.limits, chunk=17)
     table["slices"] = [
+        [joint.terms for joint in parts_of.joints],
         parts_of.peaks,
         parts_of.stationary,
         parts_of.outliers,

@@ -318,7 +318,7 @@ def judgement_of_instants():
                 holds=fails,
                 how=at(3, 4, 5, to=how),
                 speed=at(3, 4, 5, to=speed),
-                payload=at(3, 4, 5, to=payload),
+                payload=at(3, 4, 5, to=(payload + 0.2, payload, payload + 0.1)),
                 friction=at(3, 4, 5, to=(0.9, 1.234, 0.85)),
             )
             table[f"{how} {name}"] = judgement.support_verdict(one)
