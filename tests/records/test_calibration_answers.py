@@ -880,7 +880,8 @@ def factory_calibrations(folder):
             for f in ("tool0", "wrist_3_link", "forearm_link", "upper_arm_link")
         ]
         found[path.name] = [
-            frames,
+            packed(*frames),
+            frames[0][1],
             answer.displacement,
             str(answer).splitlines(),
             dict(answer.facts()),
