@@ -351,7 +351,7 @@ def links_that_a_robot_lacks():
     base = fit.base
     grip = robot().model.link_inertias["grip"].in_frame(robot().model.frames["grip"].pose)
     values = fit_doubts._values_without(base, 2, grip)
-    values[base.unknown.of_bodies < 0] = 0.5
+    values[base.kept[base.drives]] = 0.5  # without the inertia of the first motor, which is in a group of a body
     tau = fit.W @ base.project(values) + np.array([0.2, 0.3, 0.1]) * drawn(*fit.tau.shape)
     body = fit.base.unknown.file_values - fit_doubts._values_without(
         fit.base, 2, SpatialInertia.from_com(0.5, (0.1, 0.2, 0.3), 0.01 * np.eye(3))
