@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -584,11 +585,34 @@ def scales_and_offsets_of_instruments():
     return found
 
 
+def shaped(offered):
+    """Causes with the shape of their sentences, which has the number of digits that they show."""
+    return [[size, each, re.sub(r"\d", "0", str(each.doubt))] for size, each in offered]
+
+
+@records.of
+def scales_at_their_limits():
+    found = {}
+    for value, deviation in (
+        (0.0301, 0.01),
+        (0.0299, 0.01),
+        (-0.0301, 0.01),
+        (0.00505, 0.001),
+        (0.00495, 0.001),
+        (-0.2, 0.0123),
+    ):
+        with pytest.MonkeyPatch.context() as patch:
+            error = instrument._InstrumentError(value, deviation, 0.5, 0.25)
+            patch.setattr(instrument, "_instrument_error", lambda found, columns, error=error: error)
+            found[f"{value} {deviation}"] = shaped(instrument._scale_error(stub_of(fit_of("pose"))))
+    return found
+
+
 @records.of
 def offsets_at_their_limits():
     def offset(value, deviation, noise):
         error = instrument._InstrumentError(value, deviation, 0.5, 0.25)
-        return list(instrument._offset_error(error, noise))
+        return shaped(instrument._offset_error(error, noise))
 
     cases = (
         (3.0, 1.0, 0.5),
@@ -640,6 +664,8 @@ def steps_of_targets_and_instruments():
     )
     pairs = stub_of(CalibrationProblem(chain_with(), (readings("pair", 56),)).solve())
     found["too few"] = [step.row for step in instrument._steps(few, 1)]
+    six = CalibrationProblem(chain_with(), (readings("position", 28), readings("pose", 6)))
+    found["just enough"] = [[step.kind, step.row] for step in instrument._steps(stub_of(six.solve()), 1)]
     found["pairs"] = [step.row for step in instrument._steps(pairs, 0)]
     return found
 

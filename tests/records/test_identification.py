@@ -390,10 +390,11 @@ def settings_of_fits():
     for options in ({}, {"cutoff": 3.0}, {"friction_speed": 0.02, "cutoff": 2.0}, {"shift": -0.004, "cutoff": 2.0}):
         source = setting_rows(**options)
         prior = weak_prior(source)
-        chosen = source.choose(prior, [range(5)] if options else [range(5), (0, 1, 3)])
+        shares = []
+        chosen = source.choose(prior, [range(5)] if options else [range(5), (0, 1, 3)], shares.append)
         found[str(options)] = {
             "tried": source.tried, "usual": source.usual_speed, "typical": source.typical(), "chosen": list(map(shown, chosen)),
-            "dry": source.coulomb,
+            "dry": source.coulomb, "progress": shares,
         }  # fmt: skip
     return found
 
@@ -632,13 +633,19 @@ def sides_of_motors():
 def motor_sides_from_actuator_files():
     model = robot().model
     texts = {
+        "all": "actuators:\n  waist: {ratio: 50}\n  elbow: {ratio: -20}\n  slide: {ratio: 300 rad/m}\n"
+        "log: {side: motor, joints: {waist: {zero: 0.1 rad, sign: -1, gain: 2 N m/A}, elbow: {coupled: {waist: 3}}}}\n",
         "motor": "actuators:\n  waist: {ratio: 50}\n  elbow: {ratio: -20}\nlog: {side: motor}\n",
         "joint": "actuators:\n  waist: {ratio: 50}\nlog: {side: joint}\n",
         "coupled": "actuators:\n  waist: {ratio: 50}\n  elbow: {ratio: -20, coupled: {waist: 3}}\nlog: {side: motor}\n",
     }
     found = {}
     for name, text in texts.items():
-        side = motor_side(model, text)
+        try:
+            side = motor_side(model, text)
+        except tw.ModelError as problem:
+            found[name] = str(problem)
+            continue
         found[name] = [side.ratios, side.zero, side.gain, side.names, side.rates]
     return found
 

@@ -18,7 +18,7 @@ from twistwrench.core.doubts import doubt, verdict_from_doubts
 from twistwrench.core.estimation.cross_validation import HeldOut, HeldOutRows
 from twistwrench.core.estimation.least_squares import Prior
 from twistwrench.core.third_party.workers import Failure
-from twistwrench.identification import actuator_text, body_changes, log_windows, payload, write
+from twistwrench.identification import actuator_text, body_changes, log_windows, payload, pictures, write
 from twistwrench.identification.body_changes import BodyChanges, LoneChange
 from twistwrench.identification.consistent import ConsistentRobot, PositiveFit
 from twistwrench.identification.diagnosis.diagnose import WantedCause
@@ -949,6 +949,73 @@ def load_friction_of_assumed_causes():
     ]
     results = [replace(found, settings=replace(found.settings, assumed=tuple(case))) for case in cases]
     return [[r.load_friction, r.brief, list(r.robot.model.friction.load)] for r in results]
+
+
+def axes_of(figure):
+    """What the axes of a figure show: titles, labels, curves, bars and texts."""
+    found = []
+    for axes in figure.axes:
+        lines = [
+            [str(line.get_label()), str(line.get_linestyle()), packed(line.get_xdata(), line.get_ydata())]
+            for line in axes.lines
+        ]
+        bars = [round(float(patch.get_height()), 6) for patch in axes.patches if hasattr(patch, "get_height")]
+        legend = axes.get_legend()
+        legend_texts = [text.get_text() for text in legend.get_texts()] if legend else []
+        ticks = [text.get_text() for text in axes.get_xticklabels()] if axes.get_xticks().size < 30 else []
+        areas = [packed(area.get_paths()[0].vertices) for area in axes.collections if len(area.get_paths())]
+        texts = [text.get_text() for text in axes.texts]
+        found.append(
+            [
+                axes.get_title(loc="left"),
+                axes.get_xlabel(),
+                axes.get_ylabel(),
+                lines,
+                bars,
+                legend_texts,
+                ticks,
+                areas,
+                texts,
+            ]
+        )
+    return found
+
+
+@records.of(relative=1e-3)
+def figures_of_an_identification():
+    from matplotlib.figure import Figure
+
+    found, _ = identified()
+    rng = np.random.default_rng(6)
+    rows = tuple(
+        HeldOutRows(1.0 + np.arange(6) * 0.5, np.full(6, log), rng.normal(size=(6, 3)), rng.normal(size=(6, 3)))
+        for log in (1, 0, 1)
+    )
+    few = replace(found, held_out=replace(found.held_out, rows=rows), sigma=np.array([0.2, 0.4, 0.3]))
+    found_axes = {}
+    draws = {
+        "torques": (pictures._draw_torques, few), "groups": (lambda f, a: pictures._draw_groups(f.subplots(), a), few), "bars": (lambda f, a: pictures.draw_residual_bars(f.subplots(), a), found),
+        "residuals": (lambda f, a: pictures.draw_residuals(pictures._panel_rows(f, a.held_out.names), a), few),
+        "friction": (lambda f, a: pictures.draw_friction(pictures.style.panels(f, 3, 4), a), found), "prior": (lambda f, a: pictures._draw_prior_weights(f.subplots(), a), found),
+    }  # fmt: skip
+    for name, (draw, answer) in draws.items():
+        figure = Figure()
+        draw(figure, answer)
+        found_axes[name] = axes_of(figure)
+    names = ["arm.mcx + 2 boom.m", "a_very_long_name_of_a_link.Ixx + boom.m", "arm.m", "-arm.Ixx - 2 boom.Iyy"]
+    return found_axes | {
+        "short names": [pictures._short_name(name) for name in names], "joints": pictures.joints_with_friction(found), "begins": pictures._begins_of_logs(rows),
+        "kinds": list(pictures.identification_plots(found)),
+    }  # fmt: skip
+
+
+@records.of
+def progress_of_a_call():
+    shares = []
+    identify.identify(
+        robot(), log_of(5.0), cutoff=4.0, shift=0.0, friction_speed=0.03, assume="none", progress=shares.append
+    )
+    return shares
 
 
 @records.of
