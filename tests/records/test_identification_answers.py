@@ -159,7 +159,7 @@ def grids_at_their_limit():
 def gains_of_all_torques():
     fit = fitted()
     found = {}
-    for gain in (1.0, -1.0, 0.2, 0.3, 3.9, 4.3, 1.3558, 1.37, 9.80665, 0.5):
+    for gain in (1.0, -1.0, 0.2, 3.9, 0.5):
         scaled = replace(fit, tau=gain * fit.tau, x=gain * fit.x)
         found[str(gain)] = [[d.kind, d.level, d.value, d.sentence] for d in common_gain.gain_of_all(scaled)]
     dead = np.array([False, True, False])
@@ -502,8 +502,6 @@ def identifications_with_options():
     with_drives = robot().with_armature({"waist": 0.31, "slide": 1.9, "elbow": 0.12})
     cases = {
         "known": ({"known": known, "friction": ("coulomb", "viscous", "offset", "stribeck"), "stribeck_speed": 0.2, "assume": "none", "method": "wls"}, robot(), log_of()),
-        "test": ({"test": log_of(3.0, 50.0, 40.0), "method": "ols", "assume": "none", "motor_inertia": False}, robot(), log_of()),
-        "tool": ({"assume": "none"}, robot(), log_of(of=heavy)),
         "payload": ({"payload_only": "grip", "known": {f"{j}.viscous": v for j, v in zip(("waist", "slide", "elbow"), (1.3, 7.0, 0.45), strict=True)}}, with_drives, log_of(of=heavy)),
     }  # fmt: skip
     for name, (options, arm, log) in cases.items():

@@ -556,7 +556,7 @@ def diagnosed(fault):
 def diagnoses_of_faulty_logs():
     found = {}
     names = robot().model.velocity_names
-    for fault in ("zero", "step", "push", "sway", "jump"):
+    for fault in ("zero", "push", "jump"):
         listed, _ = diagnosed(fault)
         found[fault] = [
             [c.kind, c.joints, round(c.S, 2), c.value_and_interval, c.span and [round(t, 2) for t in c.span], c.log, c.size, c.most, c.effect, [r.kind for r in c.rivals]]
