@@ -27,6 +27,7 @@ from twistwrench.identification.doubts.fitted_log import _position_ranges
 from twistwrench.identification.hyperparameters import AssumedCause, FitOptions
 from twistwrench.identification.log_windows import LogSource
 from twistwrench.identification.parameters import BaseParameters, UnknownParameters
+from twistwrench.identification.payload import MotorSide
 from twistwrench.identification.result import _without_infinities, without_links
 from twistwrench.identification.views import identified_robot as view
 from twistwrench.mechanics.bodies.inertia import SpatialInertia
@@ -688,6 +689,85 @@ def rows_of_windows():
     return found
 
 
+SIDE = MotorSide(
+    np.array([[50.0, 0, 0], [0, 30.0, -7.0], [4.0, 0, -20.0]]), np.array([0.1, -0.2, 0.3]), np.array([2.0, 3.0, 5.0])
+)
+
+
+def csv_of(folder, names=("waist", "slide", "elbow"), count=80, **changes):
+    """Log of the short arm as a CSV file."""
+    time = 0.5 + np.arange(count) * 0.02
+    q, _, _ = states_at(time)
+    q = changes.get("q", q)
+    header = ["time", *names, *(f"{name}.torque" for name in names)]
+    rows = np.c_[time, q, torques_at(robot(), time)]
+    path = folder / "log.csv"
+    path.write_text("\n".join([",".join(header), *(",".join(map(repr, map(float, row))) for row in rows)]) + "\n")
+    return path
+
+
+@records.of
+def logs_of_joints_and_motors(folder):
+    arm = robot()
+    path = csv_of(folder)
+    found = {}
+    ones = np.ones(3)
+    sides = {
+        "none": None,
+        "joints": MotorSide(np.eye(3), 0 * ones, ones),
+        "motors": SIDE,
+        "zeros": MotorSide(np.eye(3), 0.1 * ones, ones),
+    }
+    for name, side in sides.items():
+        for degrees in (False, True):
+            motion = payload.read_motion(path, arm, side=side, degrees=degrees)
+            found[f"{name} {degrees}"] = [
+                packed(motion.q),
+                packed(motion.dq),
+                packed(motion.tau),
+                motion.notes,
+                [d.kind for d in motion.doubts],
+            ]
+        source = LogSource(arm, str(path), side=side)
+        rows = source.rows(slice(10, 20))
+        checks = log_windows.checks_of(source)
+        found[f"{name}, rows"] = [
+            packed(rows.q, rows.tau),
+            rows.time[0],
+            source.count,
+            [d.kind for d in checks.doubts],
+            checks.count,
+        ]
+    time = 0.5 + np.arange(80) * 0.02
+    q, _, _ = states_at(time)
+    q[40, 1] += 0.3
+    wrong = csv_of(folder, q=q)
+    found["wrong row"] = [[d.sentence for d in LogSource(arm, str(wrong), side=side).doubts()] for side in (None, SIDE)]
+    named = csv_of(folder, ("m1", "m2", "m3"))
+    side = replace(SIDE, names=("m1", "m2", "m3"), rates=SIDE.ratios)
+    found["named"] = packed(payload.read_motion(named, arm, side=side).q)
+    found["options"] = [
+        packed(payload.read_motion(csv_of(folder), arm, **options).tau)
+        for options in ({"gain": {"waist": 2.0}}, {"columns": {"waist": "slide", "slide": "waist"}})
+    ]
+    return found
+
+
+@records.of(relative=1e-3)
+def tests_predicted_with_settings():
+    found, _ = identified()
+    sources = [LogSource.from_log(robot(), log_of(4.0, 50.0, 40.0), "test number 1", {})]
+    logs = identify.read_logs(sources, identify.Workers(), lambda _: None)
+    settings = identify.SettingRows(
+        found.base, log_windows.steady_samples(logs), FitOptions(4.0, 0.03, 0.0), np.zeros(3, bool)
+    )
+    held_out = identify._predict_tests(settings, logs, found.settings, found.values, None)
+    other = identify._predict_tests(
+        settings, logs, replace(found.settings, shift=0.02, friction_speed=np.full(3, 0.1)), found.values, None
+    )
+    return [[h.kind, h.all, h.joints, len(h.rows)] for h in (held_out, other)]
+
+
 # ── Changes of bodies
 
 
@@ -1014,6 +1094,31 @@ def progress_of_a_call():
         robot(), log_of(5.0), cutoff=4.0, shift=0.0, friction_speed=0.03, assume="none", progress=shares.append
     )
     return shares
+
+
+@records.of(relative=1e-3)
+def short_forms_of_reports():
+    found, _ = identified()
+    doubts = tuple(doubt("unexciting", said=f"number {k}.", level="refuse" if k == 1 else "note") for k in range(4))
+    many = replace(found, doubts=doubts, notes=("note one.", "note two."))
+    lines = view._remarks(many)
+    threshold = stub(sentence="Thresholds.", doubts=[doubt("unexciting", said="short.")])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(view, "threshold_table", lambda _: "a table")
+        thresholds = [block if isinstance(block, str) else block.pieces for block in view._thresholds(threshold)]
+    blocks = {}
+    tool = LoneChange("arm", 0.4, 0.01, 0.02, None)
+    with_tool = replace(many)
+    with_tool.__dict__["body_changes"] = replace(found.body_changes, tool=tool)
+    fine = replace(found)
+    fine.__dict__["body_changes"] = replace(found.body_changes, tool=tool)
+    for name, case in (("many", with_tool), ("fine", fine)):
+        listed = list(view.identification_view(case))
+        blocks[name] = [
+            [type(block).__name__, getattr(block, "title", "") or "".join(view._piece_texts(block) if hasattr(block, "pieces") else []), int(getattr(block, "level", 0)), ["".join(map(str, line.pieces)) for line in getattr(block, "further", ())]]
+            for block in listed
+        ]  # fmt: skip
+    return [[[line.pieces, int(line.level)] for line in lines], thresholds, blocks]
 
 
 @records.of

@@ -146,6 +146,12 @@ def jumps_of_positions():
     twice[40:] -= 0.02
     found["second is smaller"] = jump_of(twice)
     jumped = np.r_[np.zeros(5), np.ones(5)]
+    long = np.cumsum(0.01 * np.sin(np.arange(900) * 0.4))
+    long[200:] += 0.3
+    for second in (0.09, 0.11):
+        also = long.copy()
+        also[600:] += second
+        found[f"second of {second}"] = jump_of(also)
     found["few"] = [jump_of(jumped), jump_of(np.r_[np.zeros(9), np.ones(9)])]
     sudden = samples_of(4.0)
     q = sudden.q.copy()

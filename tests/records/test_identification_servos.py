@@ -713,6 +713,33 @@ def exciting_motions_and_their_reports(folder):
 
 
 @records.of
+def reasons_of_exciting_motions():
+    def blocks(reasons, clearances):
+        case = stub(clearances=clearances, verdict=stub(word="UNSURE" if reasons else "OK", reasons=tuple(reasons)))
+        listed = exciting_motion._verdict_blocks(case)
+        return [
+            b
+            if isinstance(b, str)
+            else [
+                type(b).__name__,
+                getattr(b, "sentence", getattr(b, "text", "")),
+                list(map(str, getattr(b, "pieces", ()))),
+                int(b.level),
+            ]
+            for b in listed
+        ]
+
+    near = {"itself": 0.0213, "floor": -0.004}
+    return [
+        blocks([], near),
+        blocks([], {}),
+        blocks([f"reason {k}" for k in range(7)], near),
+        blocks(["one"], {}),
+        blocks([f"reason {k}" for k in range(5)], {"floor": 0.5}),
+    ]
+
+
+@records.of
 def limits_and_noise_of_searches():
     arm = robot()
     still = replace(arm.model, limits=replace(arm.limits, upper=arm.limits.lower + np.array([1.0, 0, 1])))
