@@ -754,7 +754,7 @@ def logs_of_joints_and_motors(folder):
 
 
 @records.of(relative=1e-3)
-def tests_predicted_with_settings():
+def predictions_of_test_logs():
     found, _ = identified()
     sources = [LogSource.from_log(robot(), log_of(4.0, 50.0, 40.0), "test number 1", {})]
     logs = identify.read_logs(sources, identify.Workers(), lambda _: None)
