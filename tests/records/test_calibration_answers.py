@@ -25,12 +25,14 @@ from twistwrench.calibration.instrument import Offered
 from twistwrench.calibration.measurements import Measurements, read_measurements, rotations_from_roll
 from twistwrench.calibration.poses import measuring_poses
 from twistwrench.calibration.result import CalibratedRobot
+from twistwrench.calibration.write import write_geometry
 from twistwrench.core.doubts import doubt, verdict_from_doubts
 from twistwrench.mechanics.lie import quaternion
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
 records = Records(__file__)
+calibrate_module = importlib.import_module("twistwrench.calibration.calibrate")
 factory = importlib.import_module("twistwrench.calibration.factory")  # the package has a function of this name
 
 
@@ -485,6 +487,69 @@ def calibration_of_two_kinds_with_options(folder):
         "note": found.tip_note, "subject": found.subject, "groups": found.groups, "points": [len(v) for v in found.error_vectors],
         "refused": refusal(lambda: found.write(folder / "no.urdf")) if not found.verdict.ok else "",
     }  # fmt: skip
+
+
+@records.of
+def geometries_in_robot_files(folder):
+    """URDF and MJCF, with and without a frame that is fixed to the last link, and fixed links between joints."""
+    between = LEANING.replace(
+        '<parent link="arm"/><child link="hand"/>', '<parent link="wrist"/><child link="hand"/>'
+    ).replace(
+        "</robot>",
+        '<link name="wrist"/><joint name="stay" type="fixed"><parent link="arm"/><child link="wrist"/>'
+        '<origin xyz="0.01 0.02 0.03" rpy="0.1 0.2 0.3"/></joint></robot>',
+    )
+    (folder / "plain.urdf").write_text(LEANING)
+    (folder / "between.urdf").write_text(between)
+    tw.save(leaning_arm(), folder / "arm.xml")
+    found = {}
+    for name, tip in (
+        ("plain.urdf", "tool"),
+        ("plain.urdf", "hand"),
+        ("plain.urdf", "claw"),
+        ("between.urdf", "tool"),
+        ("arm.xml", "hand"),
+    ):
+        original = tw.load(folder / name)
+        chain = TipChain.from_robot(original, tip)
+        values = 0.01 * drawn(len(chain.parameters), seed=3)
+        values[6:12] = 0.0  # the second joint stays as it is
+        calibrated = chain.calibrated_robot(chain.corrections(values))
+        path = write_geometry(original, calibrated, tip, folder / f"new_{tip}_{name}", "a -- summary")
+        q = np.asarray(original.random_configuration(6, 3))
+        frames = [frame for frame in ("tool", "hand", "claw", "arm", "boom") if frame in original.model.frames]
+        lines = lines_of(path)
+        old = set((folder / name).read_text().splitlines())
+        found[f"{name} {tip}"] = [
+            packed(*(tw.load(path).forward_kinematics(q, frame=frame) for frame in frames)), packed(calibrated.forward_kinematics(q, frame=tip)),
+            len([line for line in lines if line not in old]), [line.strip() for line in lines if "VERSION" in line],
+        ]  # fmt: skip
+    bare = tw.from_screws(np.eye(4), np.array([[0, 0, 1, 0, 0, 0.0]]).T, [np.eye(4)] * 2, [np.eye(6)], name="s")
+    found["no file"] = refusal(lambda: write_geometry(bare, bare, str(bare.tip), folder / "a.urdf", ""))
+    return found
+
+
+@records.of(relative=1e-4)
+def calibration_from_two_files(folder):
+    robot = leaning_arm()
+    world = World.drawn(robot, 3, tip="tool")
+    paths = []
+    for k, kind in enumerate(("position", "distance")):
+        m = world.measured(kind, 16)
+        readings = m.positions if kind == "position" else m.distances[:, None]
+        head = "waist,slide,elbow,finger,bend," + ("x,y,z" if kind == "position" else "distance")
+        rows = [",".join(map(repr, map(float, row))) for row in np.c_[m.q, readings]]
+        paths.append(folder / f"m{k}.csv")
+        paths[-1].write_text("\n".join([head, *rows]) + "\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            calibrate_module, "doubts_of", lambda _: [doubt("calibration-unit", words="mm", plain="1 m", misfit="1 mm")]
+        )
+        found = calibrate(robot, paths, tip="tool", noise=(1e-4, 2e-4), seed=2)
+    return [
+        {name: str(path) for name, path in found.sources().items()}, found.settings, found.before, found.held_out.rms, found.subject, found.fit.deviations,
+        refusal(lambda: found.write(folder / "a.urdf")), [len(e) for e in found.residuals], str(found.headline),
+    ]  # fmt: skip
 
 
 @records.of
