@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from calibration_worlds import World, planar
-from leaning_arm import leaning_arm, offset_arm
+from leaning_arm import leaning_arm, offset_arm, packed
 from recorded_answers import Records, refusal
 
 import twistwrench as tw
@@ -35,12 +35,6 @@ def chain_with(*assume):
 
 def drawn(*shape, seed=0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
-
-
-def packed(*arrays):
-    """Arrays as one long one, which is recorded as sums: small in the file, and its least entries may differ by rounding."""
-    entries = np.concatenate([np.ravel(np.asarray(array, float)) for array in arrays])
-    return np.concatenate([entries, np.zeros(max(0, 49 - len(entries)))])
 
 
 def some_corrections(chain, size=0.05):

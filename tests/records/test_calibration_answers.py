@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from calibration_worlds import World
-from leaning_arm import LEANING, leaning_arm
+from leaning_arm import LEANING, leaning_arm, packed
 from recorded_answers import Records, refusal
 
 import twistwrench as tw
@@ -38,12 +38,6 @@ factory = importlib.import_module("twistwrench.calibration.factory")  # the pack
 
 def drawn(*shape, seed=0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
-
-
-def packed(*arrays):
-    """Arrays as one long one, which is recorded as sums."""
-    entries = np.concatenate([np.ravel(np.asarray(array, float)) for array in arrays])
-    return np.concatenate([entries, np.zeros(max(0, 49 - len(entries)))])
 
 
 def stub(**fields):

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaning_arm import leaning_arm, short_arm, states_at, torques_at
+from leaning_arm import leaning_arm, packed, short_arm, states_at, torques_at
 from recorded_answers import Records, refusal
 
 import twistwrench as tw
@@ -65,12 +65,6 @@ records = Records(__file__)
 
 def drawn(*shape, seed=0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
-
-
-def packed(*arrays):
-    """Arrays as one long one, which is recorded as sums: small in the file, and its least entries may differ by rounding."""
-    entries = np.concatenate([np.ravel(np.asarray(array, float)) for array in arrays])
-    return np.concatenate([entries, np.zeros(max(0, 49 - len(entries)))])
 
 
 ALL_FRICTION = ("offset", "stribeck", "viscous", "coulomb")

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaning_arm import SHORT, short_arm, states_at, torques_at
+from leaning_arm import SHORT, packed, short_arm, states_at, torques_at
 from recorded_answers import Records, refusal
 
 import twistwrench as tw
@@ -41,12 +41,6 @@ identify = importlib.import_module("twistwrench.identification.identify")  # the
 
 def drawn(*shape, seed=0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
-
-
-def packed(*arrays):
-    """Arrays as one long one, which is recorded as sums: small in the file, and its least entries may differ by rounding."""
-    entries = np.concatenate([np.ravel(np.asarray(array, float)) for array in arrays])
-    return np.concatenate([entries, np.zeros(max(0, 49 - len(entries)))])
 
 
 OPTIONS = {"cutoff": 4.0, "shift": 0.0, "friction_speed": 0.03}

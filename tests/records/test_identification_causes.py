@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaning_arm import short_arm, states_at, torques_at
+from leaning_arm import packed, short_arm, states_at, torques_at
 from recorded_answers import Records, refusal
 
 import twistwrench as tw
@@ -32,12 +32,6 @@ stub = SimpleNamespace
 
 def drawn(*shape, seed=0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
-
-
-def packed(*arrays):
-    """Arrays as one long one, which is recorded as sums: small in the file, and its least entries may differ by rounding."""
-    entries = np.concatenate([np.ravel(np.asarray(array, float)) for array in arrays])
-    return np.concatenate([entries, np.zeros(max(0, 49 - len(entries)))])
 
 
 @functools.cache
@@ -75,11 +69,16 @@ def two_piece_states():
     return LogStates.from_samples(base, logs, 2.0, SETTINGS.friction_speed, 60)
 
 
-def shown(s):
+def fields_of(s):
     """Fields of states that corrections change; of gravity its size and its part along the robot's, as axes across it are arbitrary."""
     gravity = [np.linalg.norm(s.gravity), s.gravity @ [2.0, -3.0, -9.0]]
-    motion = [packed(s.q), packed(s.dq), packed(s.ddq), packed(s.tau)]
-    return [*motion, s.gain, s.friction_speed, gravity, s.lag, s.shift, s.weightless]
+    return [s.q, s.dq, s.ddq, s.tau, s.gain, s.friction_speed, gravity, [s.lag, s.shift]]
+
+
+def shown(s):
+    """These fields, and the joints without weight."""
+    motion, others = fields_of(s)[:4], fields_of(s)[4:]
+    return [*map(packed, motion), *others, s.weightless]
 
 
 # ── States
@@ -171,7 +170,7 @@ def jumps_of_positions():
 @records.of
 def discrete_causes_of_all_kinds():
     s = two_piece_states()
-    found = [[c.kind, c.joints, c.number, c.step, packed(*map(np.ravel, shown(c.correct(s))[:-1])), c.correct(s).weightless] for c in causes.discrete_causes(s, [0, 1, 2])]  # fmt: skip
+    found = [[c.kind, c.joints, c.number, c.step, packed(*fields_of(c.correct(s))), c.correct(s).weightless] for c in causes.discrete_causes(s, [0, 1, 2])]  # fmt: skip
     some = [[c.kind, c.joints, c.number] for c in causes.discrete_causes(s, [2, 0])]
     weightless = [[c.kind, c.joints] for c in causes.discrete_causes(s.with_fields(gravity=np.zeros(3)), [1])]
     return [found, some, weightless]
@@ -193,7 +192,7 @@ def continuous_causes_of_all_kinds():
                     cause.size,
                     cause.starts,
                     cause.cost,
-                    packed(*map(np.ravel, shown(cause.correct(s, beta))[:-1])),
+                    packed(*fields_of(cause.correct(s, beta))),
                 ]
             )
         found[str(wide)] = listed
@@ -216,11 +215,11 @@ def elastic_and_loose_joints():
     found = {}
     for largest in (None, np.array([20.0, 30.0, 4.0])):
         listed = [
-            [c.kind, c.joints, c.step, packed(*map(np.ravel, shown(c.correct(s, 0.01))[:4]))]
+            [c.kind, c.joints, c.step, packed(*fields_of(c.correct(s, 0.01))[:4])]
             for c in causes.compliances(s, torque, largest)
         ]
         found[str(largest)] = listed
-    found["plays"] = [[c.kind, c.joints, c.step, c.starts, packed(*map(np.ravel, shown(c.correct(s, np.array([0.01])))[:4])), packed(c.correct(s, np.array([1e-5])).q)] for c in causes.plays(s)]  # fmt: skip
+    found["plays"] = [[c.kind, c.joints, c.step, c.starts, packed(*fields_of(c.correct(s, np.array([0.01])))[:4]), packed(c.correct(s, np.array([1e-5])).q)] for c in causes.plays(s)]  # fmt: skip
     found["no positions"] = [c.kind for c in causes.plays(s.with_fields(unfiltered=None))]
     bare = s.with_fields(pieces=())
     found["no pieces"] = [

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaning_arm import short_arm, states_at
+from leaning_arm import packed, short_arm, states_at
 from recorded_answers import Records, refusal
 
 import twistwrench as tw
@@ -45,12 +45,6 @@ exciting = importlib.import_module("twistwrench.identification.exciting_trajecto
 
 def drawn(*shape, seed=0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
-
-
-def packed(*arrays):
-    """Arrays as one long one, which is recorded as sums: small in the file, and its least entries may differ by rounding."""
-    entries = np.concatenate([np.ravel(np.asarray(array, float)) for array in arrays])
-    return np.concatenate([entries, np.zeros(max(0, 49 - len(entries)))])
 
 
 @functools.cache
