@@ -67,9 +67,7 @@ def instrument_doubts(found: CalibratedRobot) -> list[Offered]:
     for index, measurement in enumerate(measured):
         if measurement.kind not in ("distance", "pair"):
             continue
-        columns = [
-            np.full(W.shape, float(k == index)) for k, W in enumerate(found.fit.weights)
-        ]  # 1 for its own readings
+        columns = [np.full((m.count, 1), float(k == index)) for k, m in enumerate(measured)]  # 1 for its own readings
         offset = _instrument_error(found, columns)
         length_deviation, _ = found.fit.deviations[index]
         candidates += _offset_error(offset, length_deviation)

@@ -422,7 +422,9 @@ class CalibratedRobot(Answer):
         from .write import write_geometry
 
         if self.verdict.word is Word.LOOK_AGAIN:
-            raise ValueRangeError(f"nothing is written after {self.verdict}. Correct the measurements.")
+            raise ValueRangeError(
+                f"nothing is written after {str(self.verdict).removesuffix('.')}. Correct the measurements."
+            )
         return write_geometry(self.original, self.robot, self.fit.problem.chain.frame, path, figures(self))
 
     def to_csv(self, path: str | Path) -> Path:

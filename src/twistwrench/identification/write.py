@@ -389,7 +389,8 @@ def _check_writable(found: IdentifiedRobot, actuators: str | Path | None, *, for
     """Raise ValueRangeError if the result must not be written, or has no actuator file."""
     if found.verdict.word is Word.LOOK_AGAIN and not force:
         raise ValueRangeError(
-            f"nothing is written after {found.verdict}. Pass {argument('force', True)} to write all the same."
+            f"nothing is written after {str(found.verdict).removesuffix('.')}. Pass {argument('force', True)} to write "
+            "all the same."
         )
     if found.payload_frame is not None:
         raise ValueRangeError(

@@ -49,7 +49,9 @@ def write_servos(
     Only joints with all values determined are written; with ``force``, all joints.
     """
     if found.verdict.word is Word.LOOK_AGAIN and not force:
-        raise ValueRangeError(f"nothing is written after {found.verdict}. Pass force=True to write all the same.")
+        raise ValueRangeError(
+            f"nothing is written after {str(found.verdict).removesuffix('.')}. Pass force=True to write all the same."
+        )
     is_written = np.asarray(found.whole, bool)  # for each joint
     if force:
         is_written = np.ones(len(found.joints), bool)
