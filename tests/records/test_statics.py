@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 import warnings
+import zlib
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -84,6 +87,18 @@ def quiet(text, **options):
 
 
 @cache
+def _files():
+    return tempfile.TemporaryDirectory()
+
+
+def from_file(text, **options):
+    """Robot of a file, since only files have shapes."""
+    path = Path(_files().name) / f"{zlib.crc32(text.encode())}.urdf"
+    path.write_text(text)
+    return quiet(path, **options)
+
+
+@cache
 def arm():
     return quiet(ARM, tip="tool", gravity=TILTED)
 
@@ -132,6 +147,16 @@ def geared():
         },
     }
     return arm().with_actuators({"actuators": rotors})
+
+
+@cache
+def clawed():
+    """The arm with a second follower, which slides."""
+    claw = link("claw", 0.3, "0.02 0.03 0.05", (0.0004, 0.0005, 0.0003, 0.00004, 0.00005, -0.00003)) + joint(
+        "grip", "prismatic", "wrist", "claw", "0.04 -0.03 0.1|0.2 0.1 0", "0.3 0.2 0.9", "-3 3 29",
+        '<mimic joint="bend" multiplier="0.02" offset="0.01"/>',
+    )  # fmt: skip
+    return quiet(ARM.replace("</robot>", claw + "</robot>"), tip="tool", gravity=TILTED)
 
 
 FLYER = (
@@ -352,6 +377,7 @@ def largest_payloads():
                 quiet(ARM.replace('effort="1.9"', 'effort="0.05"'), tip="tool", gravity=TILTED), Q, COM
             )
         ),
+        "on the second follower, which slides": statics.largest_payload(clawed(), Q, COM, frame="claw"),
         "floating": refusal(lambda: statics.largest_payload(flyer(), flyer().neutral)),
         "batches differ": refusal(lambda: statics.largest_payload(arm(), POSES, np.zeros((2, 3)))),
         "place": refusal(lambda: statics.largest_payload(arm(), Q, [1.0, 2.0])),

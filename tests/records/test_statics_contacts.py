@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.test_statics import POSES, Q, arm, coupled, joint, link, quiet
+from tests.records.test_statics import POSES, Q, arm, coupled, from_file, joint, link, quiet
 
 import twistwrench as tw
 from twistwrench import statics
@@ -32,7 +32,7 @@ ROLL = '<collision><origin xyz="{at}" rpy="{turn}"/><geometry><cylinder radius="
 def leg(name, hip, lengths, foot, mass=1.0):
     """Hip about a skew axis, knee, and a foot fixed to the shank."""
     a, b = lengths
-    parts = (
+    return (
         link(f"{name}_thigh", 1.3 * mass, f"0.02 -0.01 {-0.4 * a}", (0.02, 0.021, 0.004, 0.0003, -0.0005, 0.0004))
         + link(f"{name}_shank", 0.8 * mass, f"-0.01 0.02 {-0.45 * b}", (0.011, 0.012, 0.002, 0.0001, 0.0003, -0.0002))
         + f'<link name="{name}_foot">{foot}</link>'
@@ -48,7 +48,6 @@ def leg(name, hip, lengths, foot, mass=1.0):
         )
         + joint(f"{name}_sole", "fixed", f"{name}_shank", f"{name}_foot", f"0 0.01 {-b}")
     )
-    return parts
 
 
 TRUNK = link("trunk", 9.3, "0.04 -0.02 0.06", (0.2, 0.3, 0.25, 0.01, -0.02, 0.015))
@@ -70,12 +69,12 @@ SOLES = (
 
 @cache
 def spider(**options):
-    return quiet(POINTS, tip="trunk", **options)
+    return from_file(POINTS, tip="trunk", **options)
 
 
 @cache
 def stork(**options):
-    return quiet(SOLES, **options)
+    return from_file(SOLES, **options)
 
 
 def bent(robot, hips, knees):
@@ -417,7 +416,7 @@ def equilibrium_of_robots():
         "coupled": refusal(lambda: statics.robot_equilibrium(coupled(), Q, wall)),
         "many": refusal(lambda: statics.robot_equilibrium(arm(), POSES, wall)),
         "wrenches": refusal(lambda: statics.robot_equilibrium(arm(), Q, wall, wrench_on_robot={"tool": np.ones((3, 6)), "fore": np.ones(6)})),
-        "infinite": refusal(lambda: statics.robot_equilibrium(arm(), Q, wall, wrench_on_robot={"tool": [np.inf] * 6})),
+        "infinite": refusal(lambda: statics.robot_equilibrium(arm(), Q, wall, wrench_on_robot={"tool": [np.nan] * 6})),
         "contact": refusal(lambda: statics.robot_equilibrium(arm(), Q, [3])),
     }  # fmt: skip
 
@@ -512,7 +511,7 @@ def torques_that_exceed_limits():
 
 def cones():
     rng = np.random.default_rng(7)
-    normals = rng.normal(size=(5, 3)) + [0, 0, 2.5]
+    normals = rng.normal(size=(5, 3)) + np.array([0, 0, 2.5])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     friction = np.array([0.4, 0.7, 0.0, 0.9, 0.3])
     points = rng.uniform(-1, 1, (5, 3))
@@ -558,7 +557,7 @@ def forces_of_least_norm():
     by_row = cone_programme.Cones(own.normals, np.outer(np.linspace(0.5, 1.3, 6), own.friction))
     free, _ = cone_programme.least_norm_in_cones(own, maps, loads, active | True)
     sums = np.einsum("nkci,nci->nk", H, free)
-    bounds = cone_programme.ForceBounds(H, sums + [[-0.4, 0.3]], np.zeros((6, 2)))
+    bounds = cone_programme.ForceBounds(H, sums + np.array([-0.4, 0.3]), np.zeros((6, 2)))
     return {
         "free": cone_programme.least_norm_in_cones(own, maps, loads, active | True),
         "active": cone_programme.least_norm_in_cones(own, maps, loads, active),
@@ -629,7 +628,7 @@ FLAT = [
 
 def footed(left="left_foot", right="right_foot", extra="", base="SOLES"):
     text = SOLES.replace("left_foot", left).replace("right_foot", right)
-    return quiet(text.replace("</robot>", extra + "</robot>"))
+    return from_file(text.replace("</robot>", extra + "</robot>"))
 
 
 @records.of
@@ -669,6 +668,7 @@ def soles_of_feet():
         extra='<link name="pad"><visual><geometry><box size="0.1 0.05 0.02"/></geometry></visual></link>'
         + joint("to_pad", "fixed", "right_shank", "pad", "0.1 0 -0.3")
     )
+    tall = from_file(SOLES.replace('size="0.22 0.08 0.03"', 'size="0.04 0.05 0.3"'))
     many = {
         "ball": (spider(), "left_foot", {}),
         "box": (stork(), "left_foot", {}),
@@ -680,6 +680,9 @@ def soles_of_feet():
         "by the link": (stork(), "left_shank", {"at": (0.01, 0.02, -0.1)}),
         "thigh without shape": (stork(), "left_thigh", {"at": (0.01, 0.02, -0.1)}),
         "visual": (two, "pad", {}),
+        "tall box": (tall, "left_foot", {}),
+        "tall box that lies": (tall, "left_foot", {"q": [0.1, 0.2, -0.4, 1.98]}),
+        "tall box that stands": (tall, "left_foot", {"q": [0.8, 0.7, 0.03, -0.02]}),
     }
     found = {name: statics.sole(robot, frame, 0.55, **options) for name, (robot, frame, options) in many.items()}
     return found | {
@@ -715,7 +718,7 @@ def faces_of_shapes():
     found = {}
     for name, shape in SHAPES.items():
         text = SOLES.replace(BOX.format(at="0.03 -0.01 -0.02", turn="0 0 -0.1", size="0.22 0.08 0.03"), shape)
-        robot = quiet(text)
+        robot = from_file(text)
         points, radius = feet._lowest_face(robot, "left_foot", None)
         found[name] = {"points": points, "radius": radius, "wheel": statics.wheel(robot, "left_foot", 0.3).radius}
     caster = statics.wheel(stork(), "right_foot", 0.0, normal=(0.1, 0.0, 1.0))
@@ -882,6 +885,12 @@ def planes_of_feet():
         "narrow": np.array([[0.3, 0.0, -0.5], [-0.3, 0.0009, -0.5], [0.0, 0.0, -0.5]]),
         "less narrow": np.array([[0.3, 0.0, -0.5], [-0.3, 0.009, -0.5], [0.0, 0.0, -0.5]]),
     }
+    turn = tw.so3.exp([0.1, -0.25, 0.3]).T
+    uneven = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) * [0.3, 0.2, 0] + [0.02, 0.01, -0.5]
+    for mm in (9.8, 10.2):
+        clouds[f"{mm} mm from the plane"] = (uneven + 0.001 * mm * np.outer([1, -1, 1, -1], up)) @ turn
+    for degrees in (44.0, 46.0):
+        clouds[f"leans by {degrees} degrees"] = uneven @ tw.so3.exp(np.radians(degrees) * np.array([0.6, 0.8, 0])).T
     return {
         name: {
             "plane": stance._nearest_plane(points, up),
