@@ -77,7 +77,7 @@ def stacker():
 @cache
 def line():
     """An arm of three unequal joints for pages on sections of the book."""
-    return from_file(
+    return quiet(
         '<robot name="line">' + link("base", 2.0, "0 0 0.1", MOMENTS) + link("a", 1.4, "0.2 0.03 0.02", MOMENTS) + link("b", 1.1, "0.15 -0.02 0.03", MOMENTS)
         + link("c", 0.6, "0.05 0.01 0.1", (0.003, 0.004, 0.002, 0.0002, -0.0001, 0.0003)) + '<link name="tool0"/>'
         + joint("first", "revolute", "base", "a", "0.02 0.01 0.3|0.2 0 0.1", "0.2 0.1 0.95", "-2.5 2.1 40") + joint("second", "revolute", "a", "b", "0.4 0.03 0.02|0 0.1 0", "0.1 0.95 0.2", "-1.8 2.2 25")
