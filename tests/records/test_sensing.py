@@ -17,6 +17,7 @@ from twistwrench.mechanics.lie import quaternion, so3
 from twistwrench.sensing import (
     compensation,
     contact_detection,
+    conventions,
     files,
     log,
     observability,
@@ -279,7 +280,10 @@ def static_poses_of_logs():
     revisited = changed(dwells, readings=dwells.readings[::-1])
     back = dwells.rows(np.r_[0:20, 0:14, 6:30])
     by_gravity = at_rest(pose=False).rows(np.r_[0:20, 0:14, 6:30])
+    near = so3.exp(np.outer(np.repeat([0.0, 0.003, 1.0, 2.0, 0.0015], 6), [0.8, 0.6, 0.0]))
+    between = quietly(lambda: ReadingLog.from_arrays(rng.normal(size=(30, 6)), pose=near))
     cases = {
+        "between": between,
         "dwells": dwells,
         "short": short,
         "mixed": mixed,
@@ -600,7 +604,7 @@ def identification_with_each_option():
 def identification_answers(folder):
     move, rest = moving(SENSOR, count=120, late=-0.02), at_rest(each=8)
     whole = quietly(lambda: sensing.identify(move, inertia=True, assume=("orientation", "drift", "tilt", "delay")))
-    known = quietly(lambda: sensing.identify(rest, bias=BIAS, confidence=0.9))
+    known = quietly(lambda: sensing.identify(rest, bias=BIAS, confidence=0.98765))
     demo = sensing.identify("demo")
     other = at_rest(seed=6)
     return {
@@ -615,6 +619,12 @@ def identification_answers(folder):
         "predictive of all": whole.uncertainty.predictive(move.rows([3, 77]), whole.sensor),
         "subject": [known.subject, known.brief, sorted(demo.sources())],
     }  # fmt: skip
+
+
+def in_centimetres(share):
+    """Log whose moments are in N cm, with a share of the usual noise."""
+    each = at_rest(noise=share * NOISE)
+    return changed(each, readings=each.readings * [100, 100, 100, 1, 1, 1])
 
 
 def mistaken_logs():
@@ -659,6 +669,8 @@ def mistaken_logs():
         "N mm": (changed(rest, readings=r * [1000, 1000, 1000, 1, 1, 1]), {}),
         "N cm": (changed(rest, readings=r * [100, 100, 100, 1, 1, 1]), {}),
         "counts": (changed(rest, readings=r * 900.0), {}),
+        "N cm, little noise": (in_centimetres(0.03), {}),
+        "N cm, hardly any noise": (in_centimetres(0.008), {}),
         "touched": (changed(rest, readings=touched), {}),
         "touched, kept": (changed(rest, readings=touched), {"outliers": "keep"}),
         "touched in time": (changed(at_rest(time=True), readings=touched), {}),
@@ -694,6 +706,58 @@ def identification_of_mistaken_logs():
         except tw.TwistWrenchError as error:
             found[name] = f"{type(error).__name__}: {error}"
     return found
+
+
+def problem_of(each, **options):
+    """Problem of a fit, with rows for dwells."""
+    p = static_poses.static_poses(each)
+    options = {"unknowns": Unknowns(), "factor": 1.0, "bias": np.zeros(6), "noise": None} | options
+    return fits.Problem(p.log, *options.values(), p.count, p.within, p.within_freedom, p.label)
+
+
+def explained(found):
+    if found is None:
+        return None
+    fit = found.fit
+    return [
+        found.sign,
+        found.options,
+        found.noise,
+        found.noise_product,
+        found.freedom,
+        fit.estimate,
+        fit.sigma,
+        np.sqrt(np.diag(fit.covariance)),
+        fit.mounting,
+    ]
+
+
+@records.of(relative=1e-4)
+def explanations_by_other_conventions():
+    rest, move = at_rest(), moving()
+    swapped = changed(rest, readings=rest.readings[:, [3, 4, 5, 0, 1, 2]])
+    upward = changed(moving(rotated=False), gravity=-moving(rotated=False).gravity)
+    turned = problem_of(at_rest(SENSOR), unknowns=Unknowns(turn=True))
+    plain, wrong = (
+        problem_of(rest),
+        problem_of(rest, unknowns=Unknowns(bias=False), bias=BIAS + np.array([0.2, 0, 0, 4, 0, -3])),
+    )
+    up = problem_of(upward, unknowns=Unknowns(inertia=True))
+    known = problem_of(swapped, noise=NOISE[[3, 4, 5, 0, 1, 2]])
+    found = {name: conventions.explain(sign, p) for name, sign, p in (
+        ("plain", "on_sensor", plain), ("other sign", "by_sensor", plain), ("turned", "on_sensor", turned), ("turned, by", "by_sensor", turned),
+        ("swapped", "on_sensor", problem_of(swapped)), ("wrong bias", "on_sensor", wrong), ("up", "on_sensor", up), ("known noise", "on_sensor", known),
+    )}  # fmt: skip
+    by_two = conventions.others("on_sensor", problem_of(at_rest(BY)))
+    return {name: explained(each) for name, each in found.items()} | {
+        "swap": explained(conventions.swap_forces_and_moments(problem_of(swapped), found["swapped"])), "swap, known noise": explained(conventions.swap_forces_and_moments(known, found["known noise"])),
+        "no swap": explained(conventions.swap_forces_and_moments(plain, found["plain"])), "free bias": explained(conventions.free_bias(found["wrong bias"], wrong)),
+        "no free bias": explained(conventions.free_bias(found["plain"], plain)), "upside down": explained(conventions.upside_down(found["up"], up, found["up"])),
+        "not upside down": [explained(conventions.upside_down(found["plain"], plain, found["plain"])), explained(conventions.upside_down(found["plain"], problem_of(move), found["plain"]))],
+        "others": [explained(each) for each in by_two], "best": [each.options for each in conventions.indistinguishable_from_the_best(by_two)],
+        "guess": [conventions.first_guess(p) for p in (turned, plain, wrong, up)],
+        "better": [found["plain"].improves(found["other sign"].fit), found["turned"].improves(found["turned"].fit), found["plain"].equals(found["plain"].fit, found["plain"].kept)],
+    }  # fmt: skip
 
 
 def outcome(call):

@@ -423,6 +423,7 @@ def maps_of_the_payload():
         arm(), "xz", at=0.25, thickness=0.3, cells=3, samples=500, frame="upper", rng=5
     )
     maps["limits"] = statics.payload_map(arm(), samples=300, cells=4, limits=[60, 130, 22.0, 14, 7, 1.9])
+    maps["many samples"] = statics.payload_map(tw.robots.planar_2r(), cells=3, samples=33_000, limits=[50.0, 20.0])
     maps["one place"] = statics.payload_map(arm(), cells=3, samples=40, frame="rail")
     return {name: fields(found) for name, found in maps.items()} | {
         "far": refusal(lambda: statics.payload_map(arm(), "xy", at=9.5, samples=30)),
