@@ -12,7 +12,7 @@ from tests.records.test_statics import POSES, Q, arm, coupled, from_file, joint,
 
 import twistwrench as tw
 from twistwrench import statics
-from twistwrench.statics import balance, cone_programme, contact_forces, contacts, feet, stance
+from twistwrench.statics import balance, cone_programme, contact_forces, contacts, equilibrium, feet, stance
 from twistwrench.statics import zero_moment_point as zmp
 from twistwrench.statics.contacts import Contact
 from twistwrench.statics.support import force_shares
@@ -366,6 +366,20 @@ def equilibrium_of_bodies():
             statics.body_equilibrium(TABLE, WRENCHES[2]).frame,
         ],
     }
+
+
+@records.of
+def equilibrium_with_hardly_any_power_of_the_proof():
+    """Both sides of 1e-9 of the load, 32 N, and of no load."""
+    found = {}
+    for F, name in (([0, 0, 0, 0, 0, 32.0], "loaded"), ([0, 0, 0, 0, 0, 0.0], "not loaded")):
+        for power in (-1.0, 0.0, 3.1e-8, 3.3e-8):
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(equilibrium._System, "_unresisted_motion", lambda _, p=power: (np.arange(1.0, 7.0), p))
+                patch.setattr(equilibrium._System, "_torques", lambda *_: None)
+                each = statics.body_equilibrium(TABLE, F)
+            found[f"{name}, {power} W"] = [each.holds, each.power, str(each)]
+    return found
 
 
 # ── Robots
