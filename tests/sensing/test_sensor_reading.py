@@ -10,7 +10,13 @@ import pytest
 from sensor_logs import BIAS, COM, tool
 
 import twistwrench as tw
-from twistwrench.sensing.sensor import ForceTorqueSensor, gravity_in_frame, load_regressor, rotations_to_gravity
+from twistwrench.sensing.sensor import (
+    ForceTorqueSensor,
+    checked_rotations,
+    gravity_in_frame,
+    load_regressor,
+    rotations_to_gravity,
+)
 from twistwrench.sensing.simulated_logs import lively_motion, simulate
 
 
@@ -170,3 +176,12 @@ def test_a_load_that_only_slides_needs_no_inertia():
     sliding, turning = [0.0, 0, 0, 1, 2, 3], [0.0, 0, 0.1, 0, 0, 0]
     assert sensor.missing_signals(sliding, sliding) is None
     assert sensor.missing_signals(turning, sliding) and sensor.missing_signals(sliding, turning)
+
+
+@pytest.mark.parametrize("decimals", [4, 5, 12])
+def test_orientations_with_few_decimals_are_rotations(decimals):
+    """A log's r11 … r33 have as many digits as a program prints."""
+    R = tw.so3.exp(np.array([[0.3, -0.5, 0.8], [2.0, 0.4, -1.1]]))
+    found = checked_rotations(np.round(R, decimals))
+    np.testing.assert_allclose(found, R, atol=10.0**-decimals)
+    np.testing.assert_allclose(np.swapaxes(found, 1, 2) @ found, np.tile(np.eye(3), (2, 1, 1)), atol=1e-14)

@@ -91,7 +91,7 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     negative_determinant = np.maximum(-np.linalg.det(R), 0.0)[..., None, None]  # as matrices (1, 1), like the deviation
     message = f"{where} mirrors: its determinant is -{{gap}}; the frame must be right-handed"
     arguments.refuse(negative_determinant, 0.5, message)
-    return quaternion.rotation(quaternion.from_matrix(R))
+    return np.asarray(so3.project(R))
 
 
 def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Array:

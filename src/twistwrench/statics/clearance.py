@@ -192,7 +192,7 @@ class PathClearance:
         elif self.distance < self.asked and is_exact:
             distance = quantity(self.distance, "m", 3)
             over.append(f"{links} come within {distance} {when}, and {required_distance} are required")
-        elif self.distance <= self.asked:
+        elif self.distance <= self.asked and not is_exact:
             event = f"come within {required_distance}" if self.distance > 0.0 else "touch"
             unsure.append(f"{links} may {event} {when} (capsules; {_ADVICE_ON_COAL})")
         if self.pairs.undecided:

@@ -131,6 +131,8 @@ class _FollowerTorques:
     limits: Array
     """(k,): torque limits [N m or N]."""
     names: tuple[str, ...]
+    turns: tuple[bool, ...]
+    """(k,): True for joints that turn."""
 
 
 def _follower_torques(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | None) -> _FollowerTorques:
@@ -152,7 +154,8 @@ def _follower_torques(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | N
     matters = (bears_payload | exceeds_limit).reshape(-1, len(bodies))  # (poses, mimic joints)
     indices = np.flatnonzero(matters.any(axis=0))
     names = tuple(bodies[k].joint.name for k in indices)
-    return _FollowerTorques(unloaded[..., indices], per_kilogram[..., indices], limits[indices], names)
+    turns = tuple(bool(bodies[k].joint.turning[0]) for k in indices)  # followers have one coordinate
+    return _FollowerTorques(unloaded[..., indices], per_kilogram[..., indices], limits[indices], names, turns)
 
 
 def _remove_rounding_errors(robot: Robot, per_kilogram: Array) -> Array:
@@ -205,9 +208,7 @@ def largest_payload(
         per_kilogram = np.concatenate([per_kilogram, followers.per_kilogram], -1)
         L = np.concatenate([L, followers.limits])
         joint_names = (*joint_names, *followers.names)
-        for i in robot.model.limited_followers:
-            (follower_turns,) = robot.model.bodies[i].joint.turning  # followers have one coordinate
-            turns.append(bool(follower_turns))
+        turns.extend(followers.turns)
     mass_range = growth(unloaded, per_kilogram, L)
     holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)
     largest_mass = np.maximum(mass_range.most, 0.0)
