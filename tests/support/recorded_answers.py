@@ -208,5 +208,8 @@ def _same_text(recorded: str, found: str) -> bool:
 
 def _same_shown_number(a: str, b: str) -> bool:
     mantissa, _, exponent = a.partition("e")
-    unit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+    decimals = len(mantissa.partition(".")[2])
+    if len(b.partition("e")[0].partition(".")[2]) != decimals:
+        return False
+    unit = 10.0 ** (int(exponent or 0) - decimals)
     return abs(float(a) - float(b)) <= 1.01 * unit
