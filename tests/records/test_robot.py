@@ -306,11 +306,6 @@ def quantities_of_a_planar_base():
 
 
 @records.of
-def quantities_of_a_floating_base():
-    return quantities_of(drone())
-
-
-@records.of
 def quantities_of_coupled_drives():
     return quantities_of(driven())
 
@@ -1085,8 +1080,7 @@ def task_space():
     found = {}
     for label, frame, kinds in (
         ("crane", "tooth", ("body", "space", "world_aligned")),
-        ("driven", "claw", ("world_aligned",)),
-        ("picker", "pad", ("body",)),
+        ("picker", "ram", ("world_aligned",)),
     ):
         robot = ROBOTS[label]()
         q, dq, _ = motion(robot, 2)
