@@ -18,7 +18,6 @@ from twistwrench import trajectories as planning
 from twistwrench.core.errors import PathError
 from twistwrench.trajectories import (
     collocation,
-    fastest,
     jerk_limited,
     limit_rows,
     move_report,
@@ -26,7 +25,8 @@ from twistwrench.trajectories import (
     trajectory,
 )
 
-fastest = sys.modules["twistwrench.trajectories.fastest"]  # the package has a function of this name
+timing = sys.modules["twistwrench.trajectories.fastest"]  # the package has a function of that name
+
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
@@ -214,7 +214,7 @@ def paths_of_poses():
 
     failures = {
         "out of reach": lambda: planning.follow_poses(robot, shifted(1.5, 0, 0), WORK, tolerance=1e-4),
-        "a limit": lambda: planning.follow_poses(limited(), shifted(0.2, 0.1, 0), WORK, tolerance=1e-4),
+        "a limit": lambda: planning.follow_poses(limited(0.4), shifted(0, 0.15, 0), WORK, tolerance=1e-4),
         "a limit soon": lambda: planning.follow_poses(limited(0.305), shifted(0.0, 0.4, 0), WORK, tolerance=1e-4),
         "begins outside": lambda: planning.follow_poses(limited(0.25), shifted(0.1, 0, 0), WORK),
         "start": lambda: planning.follow_poses(robot, planning.straight_path(end, T), WORK),
@@ -345,7 +345,8 @@ def limits_exceeded():
         "torques": trajectory.required_torques(loaded(), *_state_rows(motion), friction=True),
         "refused": [
             refusal(lambda: planning.violations(arm(), 3)),
-            refusal(lambda: planning.violations(arm(), motion, samples=1)),
+            planning.violations(arm(), motion, samples=1),
+            refusal(lambda: planning.violations(arm(), motion, samples=0)),
             refusal(lambda: planning.violations(arm(), motion, friction="yes")),
         ],
     }
@@ -389,10 +390,10 @@ def timings_fitted_to_limits():
     free = replace(arm().limits, velocity=np.full(3, np.inf), effort=np.full(3, np.inf))
     found["peaks"] = [
         trajectory._times_around_peaks(np.array([0.0, 0.1, 0.3, 0.6, 1.0]), np.array(durations))
-        for durations in ([1.0, 3.0, 2.0, 5.0, 4.0], [5.0, 1.0, 1.0, 1.0, 6.0])
+        for durations in ([1.0, 3.0, 2.0, 1.5, 1.2], [5.0, 1.0, 0.5, 0.2, 0.1], [0.1, 0.2, 0.3, 0.4, 6.0])
     ]
     times = np.linspace(0, 1, 40)
-    found["many peaks"] = trajectory._times_around_peaks(times, np.sin(60 * times) + times).shape
+    found["many peaks"] = trajectory._times_around_peaks(times, np.sin(60 * times) + times)
     weak = replace(arm().limits, effort=np.array([24.0, 9.0, 40.0]))
     cornered = planning.spline(arm(), [START, [0.2, 0.6, 0.3], END], times=[0, 1, 2], velocities=np.zeros((3, 3)) + 0.2)
     found["refused"] = {
@@ -400,7 +401,7 @@ def timings_fitted_to_limits():
         "stands": refusal(lambda: planning.fitted(arm(), line(), None, weak)),
         "stands with friction": refusal(
             lambda: planning.fitted(
-                loaded(), line(), None, replace(weak, effort=np.array([24.0, 12.0, 40.0])), friction=True
+                loaded(), line(), None, replace(weak, effort=np.array([24.0, 11.0, 40.0])), friction=True
             )
         ),
         "jerk at the ends": refusal(lambda: planning.fitted(arm(), line(), planning.cubic(1.0), jerky)),
@@ -414,11 +415,6 @@ def timings_fitted_to_limits():
 
 
 # ── fastest timings ──
-
-
-@cache
-def quick():
-    return planning.fastest(arm(), line())
 
 
 @cache
@@ -441,7 +437,7 @@ def rubbed():
 @records.of(relative=1e-5)
 def fastest_timings():
     found = {}
-    for label, build in (("line", quick), ("braked", braked), ("friction", rubbed)):
+    for label, build in (("braked", braked), ("friction", rubbed)):
         motion = build()
         t = np.linspace(0.0, motion.duration, 9)
         curves = motion.limit_curves(21)
@@ -481,7 +477,7 @@ def fastest_timings_refused():
         "nothing limits": lambda: planning.fastest(arm(), line(), effort=np.inf, velocity=1.0),
         "nothing at all": lambda: planning.fastest(arm(), line(), **free),
         "cannot hold": lambda: planning.fastest(arm(), line(), effort=[24, 9, 40]),
-        "cannot hold friction": lambda: planning.fastest(arm(), line(), effort=[24, 14.2, 40], friction=True),
+        "cannot hold friction": lambda: planning.fastest(arm(), line(), effort=[24, 10.9, 40], friction=True),
         "limit": lambda: planning.fastest(arm(), line(), velocity=-1.0),
         "limits": lambda: planning.fastest(arm(), line(), velocity=[1.0, 2.0]),
     }
@@ -516,9 +512,9 @@ def rows_of_limits_along_a_path():
             "breaks": rows.breaks,
             "cap": [cap.x, cap.velocity, cap.torque],
             "part": rows.at(s, 0.2, 0.7).c,
-            "falls": fastest._limit_curve_falls(rows, s[1:4]),
+            "falls": timing._limit_curve_falls(rows, s[1:4]),
             "grid": rows.grid.shape,
-            "reachable": fastest._reachable(rows).effort,
+            "reachable": timing._reachable(rows).effort,
         }
     still = np.array([0.5, 0.5, 0.5])
     sliding = planning.joint_line(arm(), still, still + np.array([0.0, 0.0, -0.3]))
@@ -533,13 +529,14 @@ def rows_of_limits_along_a_path():
         zeros._zeros(np.zeros_like(grid), lambda s: 0 * s),
         zeros._zeros(np.maximum(grid - 0.3, 0.0), lambda s: np.maximum(s - 0.3, 0)).shape,
     ]
-    tight = replace(arm().limits, effort=np.array([24.0, 15.0, 8.0]))
+    tight = replace(arm().limits, effort=np.array([24.0, 9.5, 8.0]))
+    rough = replace(arm().limits, effort=np.array([24.0, 10.5, 9.0]))
     found["standing"] = refusal(lambda: limit_rows.PathRows(arm(), curve(), tight).require_standing())
     found["standing with friction"] = refusal(
-        lambda: limit_rows.PathRows(arm(), curve(), tight, friction=True).require_standing()
+        lambda: limit_rows.PathRows(arm(), curve(), rough, friction=True).require_standing()
     )
     low = replace(arm().limits, acceleration=np.array([3.0, 3.0, 3.0]), velocity=np.full(3, 1e-4))
-    found["reachable"] = [fastest._reachable(limit_rows.PathRows(arm(), line(), b)).effort for b in (low, arm().limits)]
+    found["reachable"] = [timing._reachable(limit_rows.PathRows(arm(), line(), b)).effort for b in (low, arm().limits)]
     return found
 
 
@@ -570,13 +567,13 @@ def pieces_of_fastest_timings():
     t = np.linspace(-0.1, scaling.duration + 0.1, 9)
     found["cell"] = [cell.at(np.array([0.2, 0.4, 0.7])), later.low, later.x, later.at(np.array([0.4, 0.7]))]
     found["scaling"] = [scaling.times, scaling.duration, scaling(t), scaling(0.4), scaling([np.nan])]
-    arc = fastest.Arc((first, cell))
+    arc = timing.Arc((first, cell))
     found["arc"] = [
         arc.low,
         arc.high,
         arc.at(np.array([0.1, 0.2, 0.5])),
-        fastest._reaches(arc, 0.5, 0.9),
-        fastest._reaches(arc, 0.5, 0.1),
+        timing._reaches(arc, 0.5, 0.9),
+        timing._reaches(arc, 0.5, 0.1),
     ]
     found["solved"] = [
         collocation._solve(np.array([2.0 * np.eye(5)]), np.arange(5.0)[None]),
@@ -655,9 +652,7 @@ def moved(report):
     return {
         "text": str(report).splitlines(),
         "verdict": str(report.verdict),
-        "data": data.get("sentences")
-        if report.trajectory is None
-        else {k: data[k] for k in ("ok", "exit_code", "facts", "reasons", "remedies", "notes")},
+        "data": {key: data[key] for key in ("exit_code", "facts", "remedies", "notes")},
         "subject": [report.subject, report.brief, report.robot_name, report.friction, report.assumed],
     }
 
@@ -688,7 +683,7 @@ def moves_of_joints(folder):
         "too short": lambda: tw.move(arm(), q1, start=START, duration=0.3),
         "file of limits": lambda: tw.move(arm(), q1, limits=file),
         "uniform limits": lambda: tw.move(arm(), q1, acceleration=1.5, limits=file),
-        "limits by joint": lambda: tw.move(arm(), q1, limits={"turn": {"velocity": 0.3}, "nod": {"effort": 50}}),
+        "limits by joint": lambda: tw.move(arm(), q1, limits={"turn": 20.0, "nod": 50.0}),
         "waypoints": lambda: tw.move(arm(), q1, start=START, waypoints=[[0.2, 0.6, 0.3]]),
         "file of waypoints": lambda: tw.move(
             arm(), [63, -29, 0.35], start=[-23, 17, 0.1], waypoints=points, degrees=True
@@ -776,7 +771,7 @@ def moves_refused(folder):
         "name": lambda: tw.move("feedr", q1),
         "by of two": lambda: tw.move(six_axis(), start=WORK, by=[0.1, 0.2]),
         "nothing limits": lambda: tw.move(tw.robots.planar_2r(), [1.0, 0.5]),
-        "contradiction": lambda: tw.move(arm(), q1, limits={"turn": {"velocity": 1e9}}),
+        "contradiction": lambda: tw.move(arm(), q1, limits={"turn": 1e9}),
         "acceleration": lambda: tw.move(arm(), q1, acceleration=-1.0),
         "no motion to write": lambda: tw.move(arm(), q1, payload=40.0).to_csv(folder / "x.csv"),
     }
@@ -792,7 +787,7 @@ def moves_refused(folder):
 
 @records.of
 def verdicts_on_moves():
-    hanging = tw.load(ARM, floating_base=True)
+    hanging = tw.robots.quadruped()
     problem = PathError("the robot cannot hold itself on this path: x", reached=0.5)
     limits = arm().limits
     found = {
