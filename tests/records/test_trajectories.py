@@ -721,8 +721,8 @@ def moves_of_joints(folder):
         len(report.to_csv(folder / f"r{k}.csv", step).read_text().splitlines()) for k, step in enumerate((None, 0.1))
     ]
     found["first rows"] = report.to_csv(folder / "r.csv", 0.3).read_text().splitlines()
-    found["origin"] = [str(entry) for entry in report.origin()]
-    found["sources"] = {key: str(value)[-20:] for key, value in calls["file of limits"]().sources().items()}
+    found["origin"] = [getattr(entry, "name", type(entry).__name__) for entry in report.origin()]
+    found["sources"] = sorted(calls["file of limits"]().sources())
     return found
 
 
