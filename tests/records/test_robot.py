@@ -1270,6 +1270,195 @@ def methods_of_one_state_in_repeated_calls():
     return [found[0], found[3], sorted(set(vars(robot)) & {"mass_matrix", "jacobian"}), len(robot.engine._call_counts)]
 
 
+@records.of
+def arguments_handed_on_by_doors():
+    """What simulations, pages and summaries receive from the robot's methods, by default and chosen."""
+    robot = picker()
+    received = {}
+
+    def recorder(name):
+        def record(*arguments, **options):
+            received[name] = [
+                [
+                    x if isinstance(x, str | float | int | list | dict | tuple | None) else type(x).__name__
+                    for x in arguments
+                ],
+                {
+                    k: x if isinstance(x, str | float | int | list | dict | tuple | None) else repr(x)
+                    for k, x in options.items()
+                },
+            ]
+            return received[name]
+
+        return record
+
+    doors = {
+        "twistwrench.simulation.preparation.simulate_robot": "simulate",
+        "twistwrench.simulation.rollout.roll_out": "rollout",
+        "twistwrench.simulation.batch.simulate_batch": "batch",
+        "twistwrench.viz.page.show": "show",
+        "twistwrench.statics.clearance.clearance_of": "clearance",
+        "twistwrench.modern_robotics.newton_euler.newton_euler": "newton_euler",
+        "twistwrench.reports.robot_summary.summary": "info",
+        "twistwrench.reports.robot_summary.html_summary": "html",
+        "twistwrench.viz.plots.explanation.plot_explanation": "plot",
+    }
+    q = [0.1, 0.2, 0.3]
+    chosen = {"method": "rk4", "tau": [1.0], "controller": "c", "wrench_on_robot": {"a": 1}, "friction": True, "creep": 0.1,
+              "contacts": ("p",), "limits": "stop", "events": ("e",), "rtol": 1e-3, "atol": 1e-4, "max_step": 0.2, "every": 3,
+              "progress": "p"}  # fmt: skip
+    rolled = {"dt": 0.2, "steps": 7, "duration": 3.0, "every": 2, "method": "rk4", "wrench_on_robot": {"b": 2}, "parameters": {"c": 3},
+              "friction": True, "torque_limits": True, "torques": True, "gradients": True, "out": (1,)}  # fmt: skip
+    calls = {
+        "simulate": lambda: robot.simulate(),
+        "simulate chosen": lambda: robot.simulate(q, [0.4], 2.5, 0.03, **chosen),
+        "rollout": lambda: robot.rollout(q, [0.4]),
+        "rollout chosen": lambda: robot.rollout(q, [0.4], [0.5], **rolled),
+        "batch": lambda: robot.simulate_batch([q], duration=2.0),
+        "show": lambda: robot.show(),
+        "show chosen": lambda: robot.show(
+            q, actuated=["a"], wrench_on_robot={"w": 1}, section="s", embed=True, control="c"
+        ),
+        "clearance": lambda: robot.clearance(q),
+        "clearance chosen": lambda: robot.clearance(q, True, srdf="f.srdf"),
+        "newton_euler": lambda: robot.newton_euler(q, [1.0], [2.0], wrench_by_robot={"a": 1}, wrench_on_robot={"b": 2}),
+        "info": lambda: robot.info(),
+        "html": lambda: robot._repr_html_(),
+        "plot": lambda: robot.explain(q, [0.1, 0.2, 0.3], [0.4, 0.5, 0.6]).plot("p.svg"),
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        for target, name in doors.items():
+            patch.setattr(target, recorder(name))
+        return {label: call() for label, call in calls.items()}
+
+
+@records.of
+def calls_replaced_by_builtins():
+    """From the second call with one state on, the robot is offered a builtin; here stand-ins take its place."""
+    from twistwrench.compiler.runtime import dispatch
+
+    robot = tw.load(ARM)
+    found = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dispatch, "calls_before", lambda kernel: 3)
+        patch.setattr(dispatch, "is_made_here", lambda call: call == "builtin")
+        patch.setattr(dispatch, "attach_fallback", lambda call, more: found.append(["attached", call, more]))
+        patch.setattr(dispatch, "make_call", lambda kernel, method, name, signature: kernel)
+        for label, name, kernel, count in (
+            ("early", "mass_matrix", "builtin", 2),
+            ("no builtin", "mass_matrix", None, 3),
+            ("first", "mass_matrix", "builtin", 3),
+            ("second", "mass_matrix", "other", 4),
+            ("unknown", "task_kernel", "builtin", 9),
+        ):
+            found.append(
+                [label, robot._install_direct_call(name, kernel, "signature", count), vars(robot).get("mass_matrix")]
+            )
+        vars(robot)["jacobian"] = "the user's"
+        found.append(
+            ["user's", robot._install_direct_call("jacobian", "builtin", "signature", 9), vars(robot)["jacobian"]]
+        )
+        patch.setattr(tw.Robot, "friction_forces", lambda self: 0)
+    return found
+
+
+@records.of
+def calls_counted_and_results_without_numbers():
+    from twistwrench.compiler.ir.tracer import Trace
+    from twistwrench.robot import engine
+    from twistwrench.robot.arguments import is_symbolic, names_of
+
+    robot = tw.load(ARM)
+    offers = []
+    model_engine = robot.engine
+    model_engine._offer_reference = lambda: (
+        lambda name, kernel, signature, count: (
+            bool(offers.append([name, signature.char if hasattr(signature, "char") else str(signature)[:0], count]))
+            or count > 2
+        )
+    )
+    q = np.array([0.1, 0.2, 0.3])
+    for _ in range(4):
+        model_engine.call("mass_matrix", q)
+        model_engine.call("jacobian", q, frame="ram", kind="body")
+    model_engine.call("mass_matrix", q[None])
+    model_engine.call("mass_matrix", np.array([q, q]))
+    model_engine.call("mass_matrix", q.astype(np.float16).astype(np.float32))
+    model_engine.call("bias_forces", q, np.array([q, q]))
+    counts = {str(key): value for key, value in model_engine._call_counts.items()}
+    trace = Trace()
+    x = trace.inputs(0, (2,))
+    shapes = [
+        [a.shape for a in np.atleast_1d(np.empty(0)) if False]
+        or [np.shape(part) for part in (result if isinstance(result, tuple) else (result,))]
+        for signature, arrays in (
+            ("(3),(3)->(3,3),()", (np.zeros((2, 3)), np.zeros((1, 2, 3)))),
+            ("(3)->(3)", (np.zeros(3, np.float32),)),
+        )
+        for result in [engine._empty_results(SimpleNamespace(signature=signature), arrays)]
+    ]
+    kinds = [
+        str(engine._empty_results(SimpleNamespace(signature="(3),(3)->(3)"), arrays).dtype)
+        for arrays in ((np.zeros(3, np.float32), np.zeros(3, np.float16)), (np.zeros(3, np.float32), np.zeros(3)))
+    ]
+    return {
+        "offers": offers,
+        "counts": counts,
+        "empty": shapes,
+        "kinds": kinds,
+        "symbols": [
+            is_symbolic(arrays)
+            for arrays in ((x,), (x[0],), ([1.0, x[0]],), ([1.0, [x[1]]],), ([1.0],), (np.array([None]),))
+        ],
+        "names": [
+            names_of(crane().model, label)
+            for label in ("q", "q0", "q1", "dq", "load", "wrench", "gravity", "parameters")
+        ],
+        "form": [
+            engine.LARGEST_COMPILED,
+            engine._MIN_NULL_COMPONENT,
+            engine._MAX_NULL_EIGENVALUE,
+            engine.ports_text(robot.program("drive_torques")),
+        ],
+    }
+
+
+@records.of
+def causes_of_torques_in_repaired_and_driven_robots():
+    box = tw.SpatialInertia.from_com(0.3, (0.1, 0.2, 0.3))
+    text = ARM.replace('ixx="0.004"', 'ixx="0.04"')
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        repaired = tw.load(text, inertia="repair").with_payload(box, "claw")
+    inside = picker().with_actuators(
+        {
+            "actuators": {
+                "grip": {"ratio": 20, "stiffness": "70 N m/rad", "rotor": {"inertia": "30 g cm^2"}},
+                "swing": {"ratio": 9, "rotor": {"inertia": "50 g cm^2"}},
+            }
+        }
+    )
+    found = {}
+    for label, robot in (("repaired", repaired), ("inside", inside)):
+        q, dq, ddq = motion(robot)
+        why = robot.explain(q, dq, ddq)
+        found[label] = [why.causes, why.by_cause, why.torque - robot.inverse_dynamics(q, dq, ddq)]
+    return found
+
+
+@records.of
+def slopes_of_a_robot_that_counts_as_large():
+    from twistwrench.robot.kernels import large_robots
+
+    robot = tw.load(ARM)
+    q, dq, tau = motion(robot, 2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(large_robots, "LAPACK_FROM", 3)
+        large = robot.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot={"ram": [1.0, 2, 3, -4, 5, 6]})
+    usual = tw.load(ARM).forward_dynamics_derivatives(q, dq, tau, wrench_by_robot={"ram": [1.0, 2, 3, -4, 5, 6]})
+    return [*large, [np.abs(a - b).max() < 1e-9 for a, b in zip(large, usual, strict=True)]]
+
+
 @pytest.mark.parametrize("name", records.names)
 def test_answers_are_those_on_record(name, tmp_path):
     records.compare(name, tmp_path)

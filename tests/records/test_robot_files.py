@@ -887,6 +887,30 @@ def functions_entry_by_entry():
     }
 
 
+@records.of
+def exports_of_coupled_and_other_drives(folder):
+    pair = {"motors": ["m1", "m2"], "joints": ["tilt", "slide \u00e9?"], "motor_per_joint": [[1.0, 0.5], [-0.5, 2.0]]}
+    robot = twin().with_actuators(
+        {"couplings": {"p": pair}, "actuators": {"m1": {"ratio": 4, "efficiency": 0.5}, "m2": {"ratio": -8}}}
+    )
+    files = robot.export_st("inverse_dynamics", folder, torque="motor", test=False)
+    gravity = driven().export_st(
+        [("inverse_dynamics", {"gravity": "input"})], folder / "g.st", torque="motor", test=False
+    )
+    named = tw.load(TWIN.replace("Twin-Arm 2", "x"), gravity=(0, 0, -8))
+    from twistwrench.robot.export import javascript
+
+    return {
+        "coupled": plain_text(files[0].read_text("ascii")),
+        "gravity": [line for line in plain_text(gravity[0].read_text("ascii")) if "gravity" in line or "tau" in line],
+        "no file": c99.file_of(named),
+        "long text": c99.file_of(tw.load(TWIN.replace("</robot>", " " * 9000 + "</robot>"))),
+        "names": [javascript._name(name) for name in ("out", "with", "1st", "q", "\u00e9", "Math", "dq 2")],
+        "numbers": [javascript._number(x) for x in ("t1", 2.0, -0.5, 1e-9)],
+        "loss": Saved([], folder / "a", "r")._loss_text,
+    }
+
+
 @pytest.mark.parametrize("name", records.names)
 def test_answers_are_those_on_record(name, tmp_path):
     records.compare(name, tmp_path)

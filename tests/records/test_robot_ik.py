@@ -448,6 +448,58 @@ def clearances_kept(folder):
     return found
 
 
+@records.of
+def remembered_searches():
+    """The quick way of repeated calls with one pose, with stand-ins for what is compiled."""
+    from twistwrench.robot.inverse_kinematics import search, solve
+
+    arm = tw.load(WRISTED)
+    quick = search.SinglePose.__new__(search.SinglePose)
+    quick.table, quick.settings, quick.look_settings, quick.start = ("table",), "all", "look", "neutral"
+    found = {}
+    good, bad, nan = (
+        ("q", np.array([1.0, 1.0, 0.0])),
+        ("q", np.array([1.0, 0.0, 0.5])),
+        ("q", np.array([1.0, np.nan, 0.5])),
+    )
+    for label, looked, searched in (
+        ("found", good, bad),
+        ("searched", bad, good),
+        ("not found", bad, bad),
+        ("refused", None, good),
+        ("not a number", bad, nan),
+        ("nothing", bad, None),
+    ):
+        calls = []
+        quick.call = lambda *x, looked=looked, calls=calls: calls.append(["look", *x]) or looked
+        quick.kernel = lambda *x, searched=searched, calls=calls: calls.append(["search", *x]) or searched
+        results = [quick.solve("T", None), quick.solve("T", "q0"), quick.near_by("T", "q0")]
+        found[label] = [[None if r is None else "q" for r in results], calls]
+    quick.call = None
+    found["no builtin"] = quick.near_by("T", "q0")
+    T = arm.forward_kinematics(Q[0])
+    request = solve.PoseRequest(("a",), ((3,),))
+    memory = arm.engine.single_poses
+    stand_in = SimpleNamespace(
+        solve=lambda T, q0: None if q0 is None else (np.array([7.0]), np.array([1.0, 1.0, 0.0, 0.25, 0.0]))
+    )
+    memory[(None, None, 30, 0, 1e-10, 1e-10)] = stand_in, request
+    found["remembered"] = [arm.inverse_kinematics(T, q0=Q[0]).q, arm.inverse_kinematics(T).q.shape]
+    found["other options"] = [
+        arm.inverse_kinematics(T, q0=Q[0], **options).q.shape
+        for options in (
+            {"restarts": 3},
+            {"rng": 1},
+            {"angle": 1e-9},
+            {"distance": 1e-9},
+            {"rows": "vx vy"},
+            {"nearest": True},
+            {"frame": "tool"},
+        )
+    ]
+    return found
+
+
 @pytest.mark.parametrize("name", records.names)
 def test_answers_are_those_on_record(name, tmp_path):
     records.compare(name, tmp_path)

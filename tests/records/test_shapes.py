@@ -50,7 +50,7 @@ URDF = """<robot name="looks">
   <visual/>
   <visual><geometry><sphere radius="0.06"/></geometry><material><color rgba="1 2 3"/></material></visual>
 </link>
-<link name="tip"/>
+<link name="tip"><visual><geometry><sphere radius="0.03"/></geometry><material name="paint"/><material name="own"/></visual></link>
 <joint name="lift" type="prismatic"><parent link="foot"/><child link="arm"/><origin xyz="0.05 0.1 0.2" rpy="0.1 0 0.2"/><axis xyz="0 0 1"/>
   <limit lower="-0.1" upper="0.8" velocity="1" effort="50"/></joint>
 <joint name="bend" type="revolute"><parent link="arm"/><child link="hand"/><origin xyz="0.1 0.05 0.9" rpy="0.2 0.3 0"/><axis xyz="0.2 1 0"/>
@@ -354,6 +354,7 @@ def surfaces_with_fewer_faces():
             surface.Surface(np.full((3, 3), np.nan), np.array([[0, 1, 2]]))
         ).faces.shape,
         "large": _large().faces.shape,
+        "too large to keep": _too_large().faces.shape,
         "numbers": [surface._MAX_FACES_OF_SOLID, surface._GRID_SHARE],
     }
 
@@ -361,6 +362,12 @@ def surfaces_with_fewer_faces():
 @cache
 def _large():
     return bumpy(20).decimated(300)
+
+
+def _too_large():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(surface, "_MAX_FACES_OF_SOLID", 100)
+        return bumpy(10).decimated(60)
 
 
 @records.of
@@ -559,6 +566,51 @@ def distances_between_capsules(folder):
                 "forces": pullback(weights),
                 "itself": [watched.itself, watched.floor],
             }
+    return found
+
+
+@records.of
+def pairs_and_floors_that_are_always_near(folder):
+    """A turntable low above the floor, with links so near each other that no motion parts them."""
+
+    def own(radius, length, place):
+        return part("collision", f'<capsule radius="{radius}" length="{length}"/>', place, "0 1.57 0")
+
+    def link(name, shapes):
+        return (
+            f'<link name="{name}"><inertial><origin xyz="0.1 0 0.01"/><mass value="1"/><inertia ixx="0.1" iyy="0.11" izz="0.12" ixy="0"'
+            f' ixz="0" iyz="0"/></inertial>{shapes}</link>'
+        )
+
+    def joint(name, parent, child, xyz, axis):
+        return (
+            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/><axis'
+            f' xyz="{axis}"/><limit lower="-1.1" upper="1.3" velocity="2" effort="9"/></joint>'
+        )
+
+    text = (
+        '<robot name="table"><link name="base"/>'
+        + link("low", own(0.03, 0.3, "0.2 0 0"))
+        + link("mid", own(0.02, 0.02, "0 0 0.01"))
+        + link("high", own(0.05, 0.1, "0.03 0 0.02"))
+        + joint("a", "base", "low", "0 0 0.06", "0 0 1")
+        + joint("b", "low", "mid", "0.3 0 0.05", "0 0 1")
+        + joint("c", "mid", "high", "0.02 0 0.02", "0 1 0")
+        + "</robot>"
+    )
+    path = folder / "table.urdf"
+    path.write_text(text)
+    robot = tw.load(path)
+    around = capsules.LinkCapsules.from_robot(robot)
+    found = {}
+    for floor in (None, 0.0, 0.015, -0.1):
+        watched = capsules.CapsuleDistances.from_capsules(robot, around, floor=floor, itself=True)
+        found[str(floor)] = [watched.pairs, watched.above, watched.margins, watched.unwatched, watched.count]
+    assumed = capsules.LinkCapsules(around.links, around.ends, around.radii, ("mid",), 0.05)
+    watched = capsules.CapsuleDistances.from_capsules(robot, assumed, floor=0.0, itself=True)
+    found["assumed"] = [watched.pairs, watched.above, watched.margins, watched.unwatched]
+    thin = np.array([[0.0, 0, 0], [1e-3, 0, 0], [0.5, 0.4, 0.1], [0.5, -0.4, 0.1]])
+    found["flat points"] = float(np.round(capsules._volume(*capsules.capsule_around(thin)), 2))
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 from dataclasses import replace
@@ -822,6 +823,78 @@ def verdicts_on_moves():
         for kind in ("acceleration", "deceleration", "jerk")
     ]
     return found
+
+
+@records.of(relative=1e-5)
+def views_of_moves_that_are_rare():
+    """Collisions, doubts about a hanging base, and limits of jerk, with stand-ins for what takes long to compute."""
+    from twistwrench.core.verdict import Verdict, Word
+    from twistwrench.trajectories import move_view, paths
+
+    report = tw.move(arm(), END, start=START, duration=1.9)
+    near = SimpleNamespace(
+        verdict=Verdict(Word.COLLISION, ("beam and stand touch",)), lines=["Closest links: beam and stand."]
+    )
+    unsure = SimpleNamespace(verdict=Verdict(Word.UNSURE, ("clearance not known",)), lines=[])
+    motion = braked()
+    slower = replace(motion, time_optimal=rubbed(), scaling=planning.quintic(3.3))
+    ended = replace(report, early_end="nod reaches its limit.")
+    found = {
+        "collision": moved(replace(report, clearance=near)),
+        "collision and early end": moved(replace(ended, clearance=near))["text"][:6],
+        "unsure": moved(replace(report, clearance=unsure))["text"][:4],
+        "early end": moved(ended)["text"][:5],
+        "over limit in degrees": moved(replace(tw.move(arm(), END, duration=0.3), degrees=True))["text"][:7],
+        "slower": [slower.price_of_jerk, round(slower.slower, 6), str(slower), slower.limit_contacts],
+        "slower in a view": moved(replace(report, trajectory=slower))["text"][:3],
+        "own limits": [
+            str(
+                replace(
+                    motion,
+                    bounds=replace(motion.bounds, acceleration=np.full(3, 5.0), jerk=np.full(3, j)),
+                    robot=_limited_arm(),
+                )
+            )
+            for j in (9.0, 11.0)
+        ],
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(move_view, "_MAX_LISTED_CONTACTS", 3)
+        found["timeline"] = moved(replace(report, trajectory=motion))["text"][-9:]
+        patch.setattr(move_timing, "base_doubts", lambda model: ["nothing holds the base"])
+        problem = PathError("cannot hold", reached=0.5)
+        found["hanging"] = [str(part) for part in move_timing.untimed_verdict(problem, arm(), can_stand=False)]
+        violations = planning.Trajectory(arm(), curve(), planning.quintic(0.4)).violations()
+        for label, some in (("torques", violations), ("no torques", [v for v in violations if v.kind != "torque"])):
+            certain, doubts = move_timing.certain_violations(tuple(some), arm())
+            found[f"certain of {label}"] = [[str(v) for v in certain], doubts]
+        patch.setattr(paths, "_MAX_INTERVALS", 128)
+
+        def cornered(s):
+            T = np.tile(six_axis().forward_kinematics(WORK), (len(s), 1, 1))
+            T[:, 0, 3] += 0.1 * np.abs(s - 0.43)[:] - 0.043
+            return T
+
+        try:
+            planning.follow_poses(six_axis(), cornered, WORK, tolerance=1e-6)
+        except PathError as error:
+            found["corner"] = [re.sub(r"[\d.]+e-\d+|0\.\d+", "x", str(error)), error.partial.deviation > 1e-5]
+    doubtful = replace(arm().limits, effort=np.array([24.0, 31.0, 1e9]))
+    found["contradiction"] = refused_or_moved(lambda: tw.move(arm(), END, limits=doubtful))
+    found["hints"] = refused_or_moved(lambda: tw.move(tw.robots.planar_2r(), [90.0, -45.0], friction=False))
+    return found
+
+
+def _limited_arm():
+    limits = replace(arm().limits, acceleration=np.full(3, 5.0), jerk=np.full(3, 9.0))
+    return tw.Robot(replace(arm().model, limits=limits))
+
+
+def refused_or_moved(call):
+    try:
+        return moved(call())["text"][:4]
+    except Exception as error:
+        return [f"{type(error).__name__}: {error}", *getattr(error, "__notes__", [])]
 
 
 @pytest.mark.parametrize("name", records.names)
