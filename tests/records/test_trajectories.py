@@ -868,7 +868,8 @@ def views_of_moves_that_are_rare():
         for label, some in (("torques", violations), ("no torques", [v for v in violations if v.kind != "torque"])):
             certain, doubts = move_timing.certain_violations(tuple(some), arm())
             found[f"certain of {label}"] = [[str(v) for v in certain], doubts]
-        patch.setattr(paths, "_MAX_INTERVALS", 128)
+        patch.setattr(paths, "_FIRST_INTERVALS", 8)
+        patch.setattr(paths, "_MAX_INTERVALS", 16)
 
         def cornered(s):
             T = np.tile(six_axis().forward_kinematics(WORK), (len(s), 1, 1))
