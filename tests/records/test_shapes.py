@@ -490,6 +490,11 @@ def capsules_around_links(folder):
         ' iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous"><parent link="a"/><child'
         ' link="b"/><origin xyz="0 0 0.3"/><axis xyz="0 1 0"/></joint></robot>'
     )
+    diagonal = tw.load(
+        links().replace("0.15 0.03 0", "0.1 0.1 0.1")  # a tool whose three coordinates are equal
+    )
+    assumed = capsules._assumed_capsules(diagonal, {2})
+    found["diagonal tool"] = [[k, cleaned(ends), radius] for k, ends, radius in assumed]
     for label, robot in (("pendulum", pendulum), ("bob", bare)):
         assumed = capsules._assumed_capsules(robot, {0, -1})
         found[label] = [[k, cleaned(ends), radius] for k, ends, radius in assumed]
