@@ -501,6 +501,13 @@ def capsules_around_links(folder):
     return found
 
 
+def boxes_apart(distance):
+    """Two boxes side by side; a capsule around both holds more of what is not a link, the farther they are apart."""
+    read = solids.SolidReader(None)
+    places = np.eye(4), tw.se3.exp([0, 0, 0, 0, distance, 0])
+    return [read._solid(reader.ShapeSpec("box", (0.4, 0.06, 0.09), place)) for place in places]
+
+
 @records.of(relative=4e-3)
 def capsules_around_points_and_solids(folder):
     rng = np.random.default_rng(1)
@@ -517,6 +524,7 @@ def capsules_around_points_and_solids(folder):
         "volumes": [capsules._volume(np.array([[0, 0, 0], [0, 0, h]]), r) for h, r in ((0.5, 0.1), (0.0, 0.2))],
         "of solids": [[capsules._capsule_of(s)[1], capsules._facet_gap(s)] for s in link.solids],
         "spheres": [capsules._capsule_of(s)[0] for s in link.solids if s.shape.kind in ("sphere", "capsule")],
+        "joined or not": [len(capsules._capsules_of(boxes_apart(d))) for d in (0.0, 0.03, 0.12, 0.2, 0.4)],
         "of one role": [s.shape.role for s in capsules._solids_of_one_role(link)],
         "of many": [[radius, capsules._volume(e, radius)] for e, radius in capsules._capsules_of(link.solids)],
         "visual alone": [
