@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 
 import numpy as np
@@ -434,6 +435,14 @@ def test_options_and_limits(stage, tmp_path):
     with pytest.raises(tw.NotFoundError, match=r"other\.usda"):
         tw.load(tmp_path / "other.usda")
     assert stage(usd_text(), format="usd").nv == 2
+
+
+def test_the_largest_single_is_no_limit_in_any_units(stage):
+    """In millimetres and grams, 3.4e38 g mm²/s² is 3.4e29 N m; it still means that no limit is stated."""
+    text = re.sub(r"(maxForce|maxJointVelocity|lowerLimit|upperLimit) = .*", r"\1 = 3.4028235e38", usd_text(1e-3, 1e-3))
+    limits = stage(text, "metersPerUnit = 0.001\nkilogramsPerUnit = 0.001").limits
+    for kind in ("effort", "velocity", "lower", "upper"):
+        assert np.isinf(getattr(limits, kind)).all(), kind
 
 
 def test_layers_come_from_the_folder_or_not_at_all(stage, tmp_path):

@@ -42,7 +42,7 @@ _KIND_OF_TYPE = {
 }
 """Kind of the builder's joint, by the type of the joint's prim."""
 _MIN_NO_LIMIT = 1e30
-"""Size from which a number means no limit: USD has values near the largest float32, 3.4e38."""
+"""Size from which a number of a file means no limit: USD has values near the largest float32, 3.4e38."""
 
 
 def read_usd(
@@ -201,19 +201,24 @@ class _Reader:
             position_unit = metre
             force_unit = kilogram * metre
             inertia_unit = kilogram
-        armature = number_of(joint, "newton:armature")
-        if armature == 0:
-            armature = number_of(joint, "physxJoint:armature")
-        options = {
-            "lower": position_unit * number_of(joint, "physics:lowerLimit", -math.inf),
-            "upper": position_unit * number_of(joint, "physics:upperLimit", math.inf),
-            "effort": force_unit * number_of(joint, f"{drive}:physics:maxForce", math.inf),
-            "velocity": position_unit * number_of(joint, "physxJoint:maxJointVelocity", math.inf),
-            "armature": inertia_unit * armature,
-            "damping": force_unit / position_unit * number_of(joint, "newton:damping"),
-            "friction": force_unit * number_of(joint, "newton:friction"),
+        armature_name = "newton:armature"
+        if number_of(joint, armature_name) == 0:
+            armature_name = "physxJoint:armature"
+        units_and_names = {
+            "lower": (position_unit, "physics:lowerLimit"),
+            "upper": (position_unit, "physics:upperLimit"),
+            "effort": (force_unit, f"{drive}:physics:maxForce"),
+            "velocity": (position_unit, "physxJoint:maxJointVelocity"),
+            "armature": (inertia_unit, armature_name),
+            "damping": (force_unit / position_unit, "newton:damping"),
+            "friction": (force_unit, "newton:friction"),
         }
-        return {name: value for name, value in options.items() if math.isfinite(value) and abs(value) < _MIN_NO_LIMIT}
+        options = {}
+        for option, (unit, name) in units_and_names.items():
+            value = number_of(joint, name, math.inf)  # in units of the stage, as is the bound
+            if abs(value) < _MIN_NO_LIMIT:
+                options[option] = unit * value
+        return options
 
     def _offer_closure(self, joint: Any) -> None:
         """Offer a joint outside the articulation as a closure of two frames."""
