@@ -183,6 +183,20 @@ def test_a_time_that_L_does_not_have_changes_nothing():
     assert still.text() == lagrange(m * xdot**2 / 2 - k * x**2 / 2, x).text()
 
 
+@pytest.mark.parametrize("length", [sympy.sqrt(xdot**2), sympy.sqrt(x**2 * xdot**2), sympy.sqrt((xdot - R) ** 2)])
+def test_a_momentum_that_jumps_has_no_mass_matrix(length):
+    """The momentum of √ẋ² is ẋ / √ẋ², 1 or -1: its derivative vanishes on both sides of the jump, as a mass matrix must not."""
+    for L in (m * length, m * xdot**2 / 2 + k * length):
+        with pytest.raises(ValueRangeError, match="degree two"):
+            lagrange(L, x)
+
+
+def test_a_momentum_may_be_written_with_a_sum_below_it():
+    """(a ẋ² + x ẋ²) / (a + x) is ẋ²; the force of c(x) ẋ alone vanishes."""
+    body = lagrange(m * (R * xdot**2 + x * xdot**2) / (2 * (R + x)) + k * xdot * sympy.exp(x), x)
+    assert sympy.simplify(body.tau[0] - m * xddot) == 0
+
+
 @pytest.mark.parametrize(
     ("L", "words"),
     [

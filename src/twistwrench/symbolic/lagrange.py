@@ -305,7 +305,13 @@ def _differentiate(
     slopes = list(map(L.diff, q))  # ∂L/∂q
     zero_rates = dict.fromkeys(dq, 0)
     M = matrix(n, n, lambda i, j: sympy.expand(momenta[i].diff(dq[j])))
-    if M.free_symbols & set(dq):
+    is_quadratic = not M.free_symbols & set(dq)
+    for i, momentum in enumerate(momenta):
+        rest_momentum = sympy.expand(momentum - weighted_sum(M.row(i), dq))
+        if rest_momentum.free_symbols & set(dq):
+            rest_momentum = sympy.simplify(rest_momentum)
+        is_quadratic &= not rest_momentum.free_symbols & set(dq)  # that of √ẋ² jumps at rest, where M is 0
+    if not is_quadratic:
         raise ValueRangeError(
             "L is not a polynomial of degree two in the rates, so its equations have no mass matrix of the coordinates alone. "
             "Use kinetic energies ½ q̇'M q̇."
