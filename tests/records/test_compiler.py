@@ -493,7 +493,9 @@ def texts_in_c_and_cuda():
         hashlib.sha256(CudaFunction("every", p, t).source.encode()).hexdigest()[:16]
         for p, t in ((program, "double"), (plain_scan().program, "float"))
     ]
-    answers["a logarithm in float"] = refusal(lambda: CFunction("every", program, "float").definition)
+    answers["a logarithm in float"] = hashlib.sha256(
+        CFunction("every", program, "float").definition.encode()
+    ).hexdigest()[:16]
     long = trace(lambda *a: a[0], [(f"a_rather_long_name_{k}", (2,)) for k in range(5)], ["result"])
     answers["long"] = CFunction("with_a_long_name", long).prototype.splitlines()
     answers["fits"] = [

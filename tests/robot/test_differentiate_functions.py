@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.compiler.ir.tracer import trace
+from twistwrench.compiler.lowering.numpy_kernels import NumpyKernel
+from twistwrench.compiler.printers.c99 import CFunction
 
 FUNCTIONS = {
     "tanh": lambda x, y: np.tanh(x * y),
@@ -74,8 +77,20 @@ def test_logarithms_to_the_last_digits_at_every_size():
     np.testing.assert_allclose(value, np.log(x), rtol=4e-16, atol=1e-15)
     np.testing.assert_allclose(slope, 1 / x, rtol=1e-15)
     with np.errstate(all="ignore"):
-        value, _ = one(np.log)(np.array([0.0, -1.0, np.nan]))
-    np.testing.assert_array_equal(value, [-np.inf, np.nan, np.nan])
+        value, _ = one(np.log)(np.array([0.0, -0.0, -1.0, np.nan]))
+        power, _ = one(lambda x: x**1.3)(np.array([0.0, -0.0]))
+    np.testing.assert_array_equal(value, [-np.inf, -np.inf, np.nan, np.nan])
+    np.testing.assert_array_equal(power, [0.0, 0.0])
+
+
+def test_logarithms_in_single_precision():
+    """Their constants are finite there: C takes them, and NumPy warns of no overflow."""
+    program = trace(np.log, [("x", ())], ["y"])
+    assert "sqrtf" in CFunction("logarithm", program, "float").definition
+    x = np.geomspace(1e-37, 3e38, 200, dtype=np.float32)
+    with np.errstate(over="raise"):
+        value = NumpyKernel(program, "logarithm", "")(x)
+    np.testing.assert_allclose(value, np.log(x), rtol=1e-6, atol=1e-6)
 
 
 def test_tanh_ends_at_one():

@@ -15,7 +15,8 @@ import numpy as np
 if TYPE_CHECKING:
     from .expr import Expr
 
-_MAX_FLOAT = float(np.finfo(float).max)
+_MAX_LOG = 710.0
+"""Bound of logarithms in double precision, ln 1.8e308 = 709.8. Single precision holds it, too."""
 _MIN_NORMAL = float(np.finfo(float).tiny)
 _SERIES_TERM_COUNT = 11
 """Number of terms of the series of artanh, for arguments below 1/3, and of arctan, for arguments below tan(pi/16) = 0.2."""
@@ -55,8 +56,9 @@ def log(x: Expr) -> Expr:
     for _ in range(2):
         e = y.exp()
         y = y + (x - e) / trace.max(trace.constant(_MIN_NORMAL), 0.5 * x + 0.5 * e)
-    at_zero = 1.0 - 1.0 / x.sign()  # 0 for x > 0, -inf at 0
-    return _record_function("log", y + at_zero, _MAX_FLOAT, x)
+    sign = x.sign()
+    at_zero = 1.0 - 1.0 / (sign * sign)  # 0 except at 0, where it is -inf; the sign of -0.0 is -0.0
+    return _record_function("log", y + at_zero, _MAX_LOG, x)
 
 
 def arctan2(y: Expr, x: Expr) -> Expr:
