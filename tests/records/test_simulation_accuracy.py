@@ -202,7 +202,8 @@ def stiff_equations():
                 arm.simulate(Q0, (-0.01, 0.001), 40.0, 5.0, rtol=1e-3, atol=1e-4, **options)
             answers[name] = str(caught.value)
         system = SimpleNamespace(robot=arm, friction=None, moving=slice(2, 4))
-        trials = SimpleNamespace(count=0, rates=np.arange(28.0).reshape(1, 7, 4) ** 1.5)
+        rates = np.arange(28.0).reshape(1, 7, 4) ** 1.5
+        trials = SimpleNamespace(count=0, states=np.array([[0.3, -0.07, 0.0, 0.0]]), rates=rates)
         for name, (limited, steepness, distance, duration) in {
             "not limited": (0, 3.24, 1.0, 90.0), "few": (4, 3.26, 1.0, 90.0), "many": (5, 3.26, 1.0, 90.0), "near the end": (5, 3.26, 1.0, 0.8), "no distance": (5, 3.26, 0.0, 90.0),
         }.items():  # fmt: skip

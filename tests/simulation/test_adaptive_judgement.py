@@ -92,3 +92,23 @@ def test_large_errors_of_adaptive_steps_ask_for_a_smaller_tolerance():
     found = tw.robots.pendulum().simulate([1.0], [0.0], 20.0, rtol=0.05, atol=0.05)
     assert found.relative_error > 0.05 and found.relative_drift > 0.01
     assert [remark.endswith("take a smaller rtol") for remark in found.remarks] == [True, True]
+
+
+TURN_AND_SLIDE = """<mujoco><worldbody><body name="arm"><joint name="turn" type="hinge" axis="0 0 1"/>
+<inertial pos="0.1 0 0" mass="2" diaginertia="0.03 0.04 0.03"/>
+<body name="slider" pos="0 0.4 0"><joint name="slide" type="slide" axis="1 0 0"/>
+<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("joint", ["turn", "slide"])
+def test_a_stiff_run_names_the_joint_of_the_gain(joint):
+    """By torque: a gain on the slide, 0.4 m from the axis, changes the acceleration of the turn by more rad/s² than m/s² of its own.
+
+    A force f of the slide accelerates both by M⁻¹ (0, f), in the ratio M_12 : M_11 = 0.4 kg m : 0.23 kg m².
+    """
+    robot = tw.load(TURN_AND_SLIDE)
+    gains = np.where(np.array(robot.joint_names) == joint, 3e4, 0.0)
+    with pytest.raises(tw.SimulationError, match=f"most of all in joint '{joint}'"):
+        robot.simulate(
+            [0.3, 0.0], [-0.01, 0.001], 40.0, 5.0, rtol=1e-3, atol=1e-4, tau=lambda t, q, dq: [0.1, 3] - gains * dq
+        )

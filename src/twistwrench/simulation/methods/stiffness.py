@@ -12,7 +12,6 @@ import numpy as np
 from ...core.errors import SimulationError
 from ...core.numbers import printed, residual
 from ...core.text import argument
-from ...core.typing import Array
 from ..forces import System
 from .trial_steps import FunctionTrials, TrialSteps
 
@@ -52,18 +51,28 @@ class Stiffness:
         mean_step = (t - self._begin) / self._trials
         is_stiff = self._limited > MAX_LIMITED_SHARE * self._trials
         if is_stiff and self.duration - t > MAX_REMAINING_STEPS * mean_step:
-            K = self.trials.rates[self.trials.count]
-            acceleration_change = (K[-1] - K[-2])[self.system.moving]
-            raise SimulationError(self._message(t, h, mean_step, acceleration_change))
+            raise SimulationError(self._message(t, h, mean_step, self._steepest_joint()))
         self._trials = 0
         self._limited = 0
         self._begin = t
 
-    def _message(self, t: float, h: float, mean_step: float, acceleration_change: Array) -> str:
-        """Error message for a stiff run: joint, step and remedy. ``acceleration_change`` (nv,) is between the last stages."""
+    def _steepest_joint(self) -> int:
+        """Number of the velocity whose torque changes most between the last two stages of a step.
+
+        A steep torque of one joint accelerates others, too. The change δ of the accelerations is therefore divided among the
+        joints by δ_i (M δ)_i, which is zero without a change of torque, and has one unit for turning and sliding joints.
+        """
+        count = self.trials.count
+        robot = self.system.robot
+        K = self.trials.rates[count]
+        acceleration_change = (K[-1] - K[-2])[self.system.moving]
+        M = robot.mass_matrix(self.trials.states[count][: robot.nq])
+        return int(np.argmax(np.abs(acceleration_change * (M @ acceleration_change))))
+
+    def _message(self, t: float, h: float, mean_step: float, worst: int) -> str:
+        """Error message for a stiff run: step, remedy, and joint of the ``worst`` velocity."""
         names = self.system.robot.model.velocity_names
         friction = self.system.friction
-        worst = int(np.argmax(np.abs(acceleration_change)))
         count_text = "endlessly many"
         if mean_step > 0.0:
             remaining_steps = (self.duration - t) / mean_step
