@@ -167,6 +167,15 @@ def test_what_is_refused_of_other_sections(case):
         assert word in str(caught.value)
 
 
+def test_the_mass_that_boundmass_gives_is_at_the_inertial():
+    """4 kg at (0.3, 0.2, 0.1) m in the body, also within a frame, beside 0.05 kg m²: 0.05 + 4 (0.3² + 0.1²) = 0.45 about y."""
+    for before, pos, after in (("", "0.3 0.2 0.1", ""), ('<frame pos="0.2 0 0.1">', "0.1 0.2 0", "</frame>")):
+        inertial = f'{before}<inertial pos="{pos}" mass="0" diaginertia="0.05 0.05 0.05"/>{after}'
+        body = f'<body><joint axis="0 1 0"/>{inertial}</body>'
+        robot = tw.load(f'<mujoco><compiler boundmass="4"/><worldbody>{body}</worldbody></mujoco>')
+        assert robot.mass_matrix([0.7])[0, 0] == pytest.approx(0.45, rel=1e-12)
+
+
 REMARKED = {
     "fluid": ("<option density='1.2'/>", "", "fluid"),
     "gravcomp": ("", "<body gravcomp='1'><geom size='0.1'/></body>", "gravcomp"),

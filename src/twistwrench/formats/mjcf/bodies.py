@@ -469,6 +469,14 @@ def _given_inertia(inertial: PlacedElement, settings: Settings) -> SpatialInerti
     return G.in_frame(inertial.frame)
 
 
+def _place_of_inertial(body: MjcfBody, settings: Settings) -> Array:
+    """Position (3,) of a body's inertial, where its mass would be; the body's origin if geoms give the inertia."""
+    if body.inertial is None or settings.from_geoms == "true":
+        return np.zeros(3)
+    _, T, _ = inertial_of(body.inertial.element, settings)
+    return np.asarray((body.inertial.frame @ T)[:3, 3])
+
+
 def inertial_of(inertial: Element, settings: Settings) -> tuple[float, Array, Array]:
     """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²]."""
     T = placement(inertial, settings)
@@ -514,5 +522,7 @@ def _correct_inertia(G: SpatialInertia, body: MjcfBody, settings: Settings, rema
         f"{' and '.join(causes)} of <compiler> change body {body.name!r} ({body.element.place}): mass {printed(G.mass)} to "
         f"{printed(mass)} kg, principal moments {moments.round(12).tolist()} to {corrected_moments.round(12).tolist()} kg m²"
     )
-    com = G.com if G.mass else np.zeros(3)
+    com = G.com
+    if not G.mass:
+        com = _place_of_inertial(body, settings)
     return SpatialInertia.from_com(mass, com, (axes * corrected_moments) @ axes.T)
