@@ -158,6 +158,18 @@ def test_mjcf_comes_back(case, tmp_path):
         )
 
 
+def test_a_point_that_boundmass_made_heavy_is_read_by_mujoco(tmp_path):
+    """It has 4 kg and no moments, which MuJoCo rejects as fullinertia, even on a body that moves with others."""
+    point = '<body name="point"><inertial pos="0.03 0.02 0.01" mass="0" diaginertia="0 0 0"/></body>'
+    path, out = tmp_path / "arm.xml", tmp_path / "new.xml"
+    path.write_text(ARM.format(**FILLED | {"compiler": 'boundmass="4"', "joints": ELBOW + point}))
+    found, again, _ = written(path, out)
+    assert '<inertial pos="0.03 0.02 0.01" mass="4.0" diaginertia="0 0 0"/>' in out.read_text()
+    assert difference(found, again) <= SAME
+    off, _ = in_mujoco(out, found.robot)
+    assert off <= 1e-9
+
+
 def test_only_numbers_change(tmp_path):
     path, out = tmp_path / "arm.xml", tmp_path / "new.xml"
     path.write_text(ARM.format(**FILLED | CASES["full"]))

@@ -446,12 +446,15 @@ class MjcfText(RobotText):
         if inertial is not None:  # it may stand in a <frame>
             G = inertia.in_frame(np.asarray(se3.inverse(inertial.frame)))
         I = 0.5 * (G.moment_about_com + G.moment_about_com.T)
-        texts = {"pos": "0 0 0", "mass": exact([G.mass]), "diaginertia": "0 0 0"}
-        replaced_attribute = "fullinertia"
-        if G.parameters.any():  # MuJoCo rejects a fullinertia of zeros
-            entries = [I[ENTRIES[entry]] for entry in IN_MJCF]
-            texts = {"pos": exact(G.com), "mass": exact([G.mass]), "fullinertia": exact(entries)}
+        texts = {"pos": exact(G.com), "mass": exact([G.mass])}
+        moments_of_point = G.mass * (G.com @ G.com)  # about the origin, subtracted in I
+        has_moments = np.abs(I).max() > _MAX_EQUAL_DIFFERENCE * moments_of_point
+        if has_moments:
+            texts["fullinertia"] = exact([I[ENTRIES[entry]] for entry in IN_MJCF])
             replaced_attribute = "diaginertia"
+        else:  # MuJoCo rejects a fullinertia of zeros
+            texts["diaginertia"] = "0 0 0"
+            replaced_attribute = "fullinertia"
         if inertial is None:
             attributes = " ".join(f'{attribute}="{text}"' for attribute, text in texts.items())
             changes.add(body.element, f"<inertial {attributes}/>")
