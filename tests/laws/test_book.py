@@ -127,6 +127,16 @@ def test_the_books_screw_of_length_root_two_is_refused_by_default():
         tw.from_screws(**LISTS, gravity=GRAVITY)
 
 
+def test_a_screw_of_nearly_unit_length_is_refused_with_the_digits_that_differ(tmp_path):
+    """The tolerance is 1e-6: a message that a length is 1, not 1, would help nobody."""
+    Slist = np.array([[0.0, 0.0, 1.000002, 0.0, 0.0, 0.0]]).T
+    with pytest.raises(tw.ModelError, match=r"has length 1\.000002, not 1\."):
+        tw.from_screws(np.eye(4), Slist, [np.eye(4)] * 2, [np.eye(6)])
+    robot = tw.from_screws(np.eye(4), Slist, [np.eye(4)] * 2, [np.eye(6)], non_unit_screws=True)
+    with pytest.raises(tw.ModelError, match=r"a screw axis of length 1\.000002,"):
+        tw.save(robot, tmp_path / "robot.urdf")
+
+
 def test_numbers_of_the_books_three_link_robot(three_links):
     robot = three_links
     tip = {robot.tip: F_TIP}

@@ -314,7 +314,7 @@ def _check_unit(S: Array, i: int, joint: str) -> None:
         length = float(np.linalg.norm(S[3:]))
     if abs(length - 1.0) > _TOLERANCE:
         raise ModelError(
-            f"screw {i + 1} (joint {joint!r}), {S.tolist()}: its {part} has length {printed(length)}, not 1. Divide it by "
+            f"screw {i + 1} (joint {joint!r}), {S.tolist()}: its {part} has length {printed(length, 8)}, not 1. Divide it by "
             "that, or pass non_unit_screws=True to keep it, knowing that its coordinate is then no angle in radians."
         )
 

@@ -118,8 +118,8 @@ def screw_of(joint: JointEntry) -> Screw:
     length = float(np.linalg.norm(w if turns else v))
     if abs(length - 1.0) > _MAX_LENGTH_ERROR:
         raise ModelError(
-            f"joint {joint.name!r} has a screw axis of length {printed(length)}, so that its coordinate is neither an angle "
-            "nor a distance. Robot files have axes of unit length."
+            f"joint {joint.name!r} has a screw axis of length {printed(length, 13)}, so that its coordinate is neither an "
+            "angle nor a distance. Robot files have axes of unit length."
         )
     if not turns:
         return Screw(v, np.zeros(3), 0.0, False)
