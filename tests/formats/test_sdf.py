@@ -207,8 +207,13 @@ BAD = {
     "unknown type": (revolute(kind="rubber"), ["line 5", "'rubber'", "revolute"]),
     "no axis": (revolute("<xyz>0 0 0</xyz>"), ["line 5", "zero"]),
     "unknown link": (revolute().replace("<parent>base", "<parent>bass"), ["line 5", "'bass'", "'base'"]),
-    "pose of too few numbers": (revolute(pose="<pose>1 2 3</pose>"), ["line 5", "3 numbers, expected 6"]),
-    "no number": (revolute(pose="<pose>1 2 3 x 0 0</pose>"), ["line 5", "'x'"]),
+    "pose of too few numbers": (revolute(pose="<pose>1 2 3</pose>"), ["line 5", 'text "1 2 3": 3 numbers, expected 6']),
+    "no number": (revolute(pose="<pose>1 2 3 x 0 0</pose>"), ["line 5", "has the text \"1 2 3 x 0 0\": 'x'"]),
+    "an empty number": (
+        revolute("<xyz>0 0 1</xyz><limit><lower></lower></limit>"),
+        ["<lower> of joint 'j' (line 5) is empty", "leave the element out"],
+    ),
+    "nan": (revolute("<xyz>0 0 1</xyz><limit><lower>nan</lower></limit>"), ["'nan'", "leave the element out"]),
     "a loop of frames": (
         revolute() + '<frame name="f"><pose relative_to="g"/></frame><frame name="g"><pose relative_to="f"/></frame>',
         ["relative to each other"],

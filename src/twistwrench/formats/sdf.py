@@ -21,14 +21,14 @@ from ..mechanics.model.builder import ModelBuilder
 from ..mechanics.model.description import Mimic
 from .known_elements import unread
 from .urdf import known_limits, rotation_of_rpy, tensor_of
-from .xml import Element
+from .xml import CONTENT, Element
 
 __all__ = ["read_sdf"]
 
 
 def with_text(element: Element) -> Element:
-    """Element whose text is also its attribute ``text``, so that the checks of attributes apply to its numbers."""
-    return element.with_attributes({**element.attributes, "text": element.content})
+    """Element whose text is also its attribute ``CONTENT``, so that the checks of attributes apply to its numbers."""
+    return element.with_attributes({**element.attributes, CONTENT: element.content})
 
 
 def number(parent: Element | None, tag: str, default: float) -> float:
@@ -36,7 +36,7 @@ def number(parent: Element | None, tag: str, default: float) -> float:
     child = _child(parent, tag)
     if child is None:
         return default
-    return with_text(child).number("text")
+    return with_text(child).number(CONTENT)
 
 
 def _child(parent: Element | None, tag: str) -> Element | None:
@@ -81,7 +81,7 @@ def assumed_text(missing: tuple[str, ...]) -> str:
 
 def vector(element: Element) -> Array:
     """Three numbers of an element."""
-    return with_text(element).numbers("text", 3)
+    return with_text(element).numbers(CONTENT, 3)
 
 
 def word(parent: Element, tag: str, default: str = "") -> str:
@@ -104,7 +104,7 @@ def pose(element: Element | None) -> Array:
         return T
     rotation_format = element.word("rotation_format", ("euler_rpy", "quat_xyzw"), "euler_rpy")
     value_count = {"euler_rpy": 6, "quat_xyzw": 7}[rotation_format]
-    values = with_text(element).numbers("text", value_count)
+    values = with_text(element).numbers(CONTENT, value_count)
     T[:3, 3] = values[:3]
     if rotation_format == "quat_xyzw":
         xyzw = values[3:]

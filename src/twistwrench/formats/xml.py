@@ -27,6 +27,10 @@ _NAMING_ATTRIBUTES = {"name", "reference"}
 """Attributes that name an element in messages; elements of Gazebo name their link or joint as ``reference``."""
 
 
+CONTENT = ""
+"""Name in place of an attribute's for the text within an element; no attribute has it."""
+
+
 @dataclass(frozen=True)
 class Place:
     """Position of a number in a robot file.
@@ -39,7 +43,7 @@ class Place:
     """
 
     element: int
-    attribute: str = ""
+    attribute: str = CONTENT
     position: int = -1
 
 
@@ -89,7 +93,7 @@ class Element:
         """Error whose message begins with the element's name."""
         return RobotFileError(f"{self} {text}")
 
-    def locate(self, attribute: str = "", position: int = -1) -> Place:
+    def locate(self, attribute: str = CONTENT, position: int = -1) -> Place:
         """Place of an attribute, of one of its numbers, or of the text."""
         return Place(self.index, attribute, position)
 
@@ -138,6 +142,8 @@ class Element:
     def text(self, attribute: str) -> str:
         """Text of an attribute without leading and trailing blanks; raises if it is absent or empty."""
         value = self.attributes.get(attribute, "").strip()
+        if not value and attribute == CONTENT:
+            raise self.error("is empty. Write its value, or leave the element out.")
         if not value:
             raise RobotFileError(f'{self} needs the attribute {attribute}="…", which is absent or empty.')
         return value
@@ -164,7 +170,7 @@ class Element:
         text = self.text(attribute)
         values = self._numbers(attribute, text)
         if len(values) != count:
-            raise RobotFileError(f'{self} has {attribute}="{shorten(text)}": {len(values)} numbers, expected {count}.')
+            raise self.error(f"has {self._quoted(attribute)}: {len(values)} numbers, expected {count}.")
         return values
 
     def floats(self, attribute: str, default: Sequence[float]) -> list[float]:
@@ -173,10 +179,7 @@ class Element:
             return list(default)
         values = self._numbers(attribute, self.attributes[attribute].strip())
         if len(values) > len(default):
-            text = shorten(self.attributes[attribute].strip())
-            raise RobotFileError(
-                f'{self} has {attribute}="{text}": {len(values)} numbers, expected at most {len(default)}.'
-            )
+            raise self.error(f"has {self._quoted(attribute)}: {len(values)} numbers, expected at most {len(default)}.")
         return values + list(default[len(values) :])
 
     def word(self, attribute: str, choices: Sequence[str], default: str) -> str:
@@ -220,15 +223,22 @@ class Element:
         if value is not None:
             problem = f"{quoted_word} is too large to be meant. Write a finite number in SI units"
         elif word.lower().lstrip("+-").startswith(("nan", "inf")):
-            problem = f"{quoted_word} is not a finite number. Write a finite one, or leave the attribute out"
+            what = "attribute" if attribute != CONTENT else "element"
+            problem = f"{quoted_word} is not a finite number. Write a finite one, or leave the {what} out"
         elif "," in word:
             problem = f"{quoted_word} is not a number. Write a decimal point, as in 0.5, and blanks between numbers"
         else:
             problem = (
                 f"{quoted_word} is not a number. Write digits with one decimal point at most, as in 0.5 or -1.2e-3"
             )
+        raise self.error(f"has {self._quoted(attribute)}: {problem}.")
+
+    def _quoted(self, attribute: str) -> str:
+        """Attribute with its text as in the file, or the text alone if it is the element's, for messages."""
         text = shorten(self.attributes[attribute].strip())
-        raise RobotFileError(f'{self} has {attribute}="{text}": {problem}.')
+        if attribute == CONTENT:
+            return f'the text "{text}"'
+        return f'{attribute}="{text}"'
 
 
 BLANK = "\ufeff \t\r\n"

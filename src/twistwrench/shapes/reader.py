@@ -16,7 +16,7 @@ from ..formats.robot_file import file_of
 from ..formats.robot_text import MjcfText, RobotText, UrdfText, text_of
 from ..formats.sdf import pose, with_text, word
 from ..formats.urdf import origin_of
-from ..formats.xml import Element
+from ..formats.xml import CONTENT, Element
 from ..mechanics.lie.identity import IDENTITY
 from ..mechanics.model.model import Model
 from .surface import Colour
@@ -197,7 +197,7 @@ def _sdf_shape(part: Element, role: Role) -> ShapeSpec | None:
 def _values(shape: Element, name: str, count: int) -> list[float]:
     """Numbers in the text of the child element ``name``. Raises RobotFileError unless it holds ``count`` of them."""
     child = shape.require_child(name, f"<{name}>")
-    return with_text(child).values("text", count)
+    return with_text(child).values(CONTENT, count)
 
 
 def _mjcf_shapes(text: MjcfText, body: str) -> Iterator[ShapeSpec]:
