@@ -23,7 +23,7 @@ FILES = sorted(str(path.relative_to(FOLDER)) for path in FOLDER.rglob("*.xml")) 
 NONE = [pytest.param("", marks=pytest.mark.skip(reason="../shared/robots/mjcf is not there"))]
 SAID = {
     r"springs: ": "(with a stiffness, which is left out|slack over a range|spatial tendon)",
-    r"(M|h): ": "(tendon|actuator).* armature|has a armature|forces and inertia are left out",
+    r"(M|h): ": "(tendon|actuator).* armature|has an armature|forces and inertia are left out",
 }
 """What may differ where the robot's remarks say so."""
 

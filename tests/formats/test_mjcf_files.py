@@ -145,6 +145,9 @@ def test_what_is_refused_is_named_with_its_line(case):
 
 SECTIONS = {
     "joint of an actuator": ("<actuator><motor joint='k'/></actuator>", ["line 2", "'k'"]),
+    "polynomial armature": (
+        "<actuator><motor joint='j' armature='1 2'/></actuator>", ["line 2", 'armature="1 2": 2 numbers, expected at most 1'],
+    ),
     "joint of a tendon": ("<tendon><fixed><joint joint='k' coef='1'/></fixed></tendon>", ["line 2", "'k'"]),
     "joint of an equality": ("<equality><joint joint1='k'/></equality>", ["line 2", "'k'"]),
     "body of an equality": ("<equality><weld body1='z'/></equality>", ["line 2", "'z'"]),
@@ -180,7 +183,7 @@ REMARKED = {
     "fluid": ("<option density='1.2'/>", "", "fluid"),
     "gravcomp": ("", "<body gravcomp='1'><geom size='0.1'/></body>", "gravcomp"),
     "spatial tendon": ("<tendon><spatial stiffness='2'/></tendon>", "", "spatial tendon"),
-    "tendon armature": ("<tendon><fixed armature='2'><joint joint='j' coef='1'/></fixed></tendon>", "", "has a armature"),
+    "tendon armature": ("<tendon><fixed armature='2'><joint joint='j' coef='1'/></fixed></tendon>", "", "has an armature"),
     "slack tendon": (
         "<tendon><fixed stiffness='2' springlength='1 2'><joint joint='j' coef='1'/></fixed></tendon>", "", "slack",
     ),
@@ -190,12 +193,13 @@ REMARKED = {
     "ball spring": ("", "<body><joint type='ball' stiffness='2'/><geom size='1'/></body>", "stiffness, which is left out"),
     "ball limit": ("", "<body><joint type='ball' range='0 20'/><geom size='1'/></body>", "limit, which is not kept"),
     "polynomial": ("", "<body><joint damping='1 2'/><geom size='1'/></body>", "polynomial"),
+    "polynomial damping": ("<actuator><motor joint='j' damping='1 2'/></actuator>", "", "<motor> (line 1) has a damping that is a polynomial"),
     "unknown actuator": ("<actuator><engine joint='j'/></actuator>", "", "<engine> (line 1) is not an actuator known here"),
     "springdamper": ("", "<body><joint springdamper='1 1'/><geom size='1'/></body>", "springdamper"),
     "plugin": ("", "<body><plugin plugin='mujoco.elasticity.cable'/><geom size='1'/></body>", "plugin, whose forces"),
     "actuator on a tendon": (
         "<tendon><fixed name='t'><joint joint='j' coef='1'/></fixed></tendon><actuator><motor tendon='t' armature='1'/></actuator>",
-        "", "armature that is left out",
+        "", "has an armature that is left out",
     ),
     "aligned": ("<compiler alignfree='true'/>", "", "centre of mass in MuJoCo"),
     "polynomial equality": (

@@ -228,7 +228,7 @@ ACTUATORS = {
     "position": '<position joint="j" kp="3" ctrlrange="-1 1"/>',
     "orientation": '<orientation joint="j" forcerange="-2.5 3"/>',
     "foreign": '<rocket joint="j" forcerange="-2.5 3" armature="2"/>',
-    "losses": '<motor joint="j" gear="3" armature="0.02" damping="0.5 0.1"/><motor joint="j" gear="-2" armature="0.01 1" damping="0 0.2"/>',
+    "losses": '<motor joint="j" gear="3" armature="0.02" damping="0.5 0.1"/><motor joint="j" gear="-2" armature="0.01" damping="0 0.2"/>',
     "losses elsewhere": '<motor site="w" armature="0.02" damping="0.5"/><motor joint="k" armature="0.02"/>',
     "tendon": '<motor tendon="t"/><motor tendon=" "/>',
     "spatial tendon": '<motor joint="j"/><motor tendon="s"/>',

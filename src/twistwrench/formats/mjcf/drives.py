@@ -22,9 +22,14 @@ from ..xml import Element
 from .bodies import WORLD, MjcfBody, MjcfJoint, has_active_range
 from .preprocess import SHORTCUT, Defaults, Settings
 
-_LOSS_ATTRIBUTES = ("damping", "frictionloss", "armature")
 _ZERO_POLYNOMIAL = (0.0, 0.0, 0.0)
 """Default coefficients of a stiffness or a damping: linear, and of higher order."""
+_LOSSES = {
+    "damping": ("a damping", _ZERO_POLYNOMIAL),
+    "frictionloss": ("a frictionloss", (0.0,)),
+    "armature": ("an armature", (0.0,)),
+}
+"""Words for the attributes of what loses or takes up force, and their default coefficients."""
 _SLIDER_CRANK_SITES = ("cranksite", "slidersite")
 """Attributes of actuators on a slider-crank, whose joints the file does not name."""
 
@@ -151,11 +156,12 @@ def _effort_and_note(force_range: Array) -> tuple[float | None, str]:
 def _add_losses(builder: ModelBuilder, drives: Drives, actuator: Element, gear: float, joint: MjcfJoint | None) -> None:
     """Add armature and damping of an actuator at its joint, by gear squared; ``joint`` is None for an actuator without one."""
     for kind, sum_by_joint in (("armature", drives.armature), ("damping", drives.damping)):
-        coefficient, *higher_coefficients = actuator.floats(kind, _ZERO_POLYNOMIAL)
+        words, default = _LOSSES[kind]
+        coefficient, *higher_coefficients = actuator.floats(kind, default)
         if not coefficient and not any(higher_coefficients):
             continue
         if joint is None or not joint.single:
-            builder.note(actuator, f"has a {kind} that is left out")
+            builder.note(actuator, f"has {words} that is left out")
             continue
         if any(higher_coefficients):
             builder.note(actuator, LEFT_OUT["actuator/damping"])
@@ -407,7 +413,7 @@ def add_tendons(
         if child.tag == "fixed":
             _add_fixed_tendon(builder, tendon, joints, kept)
         elif child.tag == "spatial":
-            attributes = ("stiffness", *_LOSS_ATTRIBUTES)
+            attributes = ("stiffness", *_LOSSES)
             coefficients = [tendon.floats(attribute, _ZERO_POLYNOMIAL) for attribute in attributes]
             if np.any(coefficients):
                 builder.note(child, "is a spatial tendon, whose forces and inertia are left out")
@@ -421,9 +427,9 @@ def _add_fixed_tendon(builder: ModelBuilder, tendon: Element, joints: Mapping[st
         if name not in joints or not joints[name].single:
             raise child.error(f"in {tendon} names {name!r}, which is not a hinge or slide.")
         coefficients[name] += child.number("coef")
-    for loss in _LOSS_ATTRIBUTES:
-        if any(tendon.floats(loss, _ZERO_POLYNOMIAL)):
-            builder.note(tendon, f"has a {loss}, which is left out")
+    for loss, (words, default) in _LOSSES.items():
+        if any(tendon.floats(loss, default)):
+            builder.note(tendon, f"has {words}, which is left out")
     stiffness, *higher_coefficients = tendon.floats("stiffness", _ZERO_POLYNOMIAL)
     if any(higher_coefficients):
         builder.note(tendon, LEFT_OUT["tendon/stiffness"])
