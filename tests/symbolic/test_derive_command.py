@@ -155,6 +155,18 @@ def test_friction_left_out_is_said(tmp_path):
     assert "riction" not in derive("planar_2r").output
 
 
+def test_friction_of_a_planar_joint_is_said_once():
+    """It has three velocities, each with friction, and is one joint."""
+    inertial = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    robot = tw.load(
+        f"""<robot name="table"><link name="base"/><link name="puck">{inertial}</link><joint name="glide" type="planar">
+        <parent link="base"/><child link="puck"/><axis xyz="0 0 1"/><dynamics damping="0.4"/></joint></robot>"""
+    )
+    assert tw.symbolic.derive(robot).remarks == (
+        "Friction is left out of these equations; the robot has some at glide.",
+    )
+
+
 @pytest.mark.parametrize(
     ("robot", "settings", "options"),
     [

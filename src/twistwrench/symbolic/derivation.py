@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
-import numpy as np
-
 from ..core.answers.answer import Answer
 from ..core.answers.blocks import Block
 from ..core.errors import KernelError, ShapeError, ValueRangeError
@@ -314,10 +312,11 @@ def _friction_remark(robot: Robot) -> tuple[str, ...]:
     if not friction.any:
         return ()
     has_friction = friction.viscous.astype(bool) | friction.static.astype(bool) | friction.load.astype(bool)
-    names = []  # of joints, once for each of their velocities
+    names = []  # of joints
     for body in robot.model.leaders:
         _, velocity_slice = body.places
-        names += [body.joint.name] * np.count_nonzero(has_friction[velocity_slice])
+        if has_friction[velocity_slice].any():
+            names.append(body.joint.name)
     return (f"Friction is left out of these equations; the robot has some at {listed(names, _MAX_LISTED)}.",)
 
 
