@@ -183,6 +183,15 @@ def test_a_time_that_L_does_not_have_changes_nothing():
     assert still.text() == lagrange(m * xdot**2 / 2 - k * x**2 / 2, x).text()
 
 
+@pytest.mark.parametrize(
+    ("factor", "text"), [(1.0, "m"), (-1.0, "−m"), (2.0, "2 m"), (0.5, "0.5 m"), (sympy.Rational(1, 2), "½ m")]
+)
+def test_a_factor_of_one_is_not_written_be_it_a_decimal(factor, text):
+    slide = lagrange(factor * m * xdot**2 / 2, x)
+    assert slide.text("mass_matrix").splitlines()[-1] == f"  M₁₁ = {text}"
+    assert slide.latex("mass_matrix").count("1 \\,") == 0
+
+
 @pytest.mark.parametrize("length", [sympy.sqrt(xdot**2), sympy.sqrt(x**2 * xdot**2), sympy.sqrt((xdot - R) ** 2)])
 def test_a_momentum_that_jumps_has_no_mass_matrix(length):
     """The momentum of √ẋ² is ẋ / √ẋ², 1 or -1: its derivative vanishes on both sides of the jump, as a mass matrix must not."""

@@ -106,7 +106,7 @@ def signed_factors(term: Any) -> tuple[bool, list[Any]]:
     coefficient, symbolic_part = term.as_coeff_Mul()
     is_negative = bool(coefficient.is_negative)
     factors = []
-    if abs(coefficient) != 1:
+    if abs(coefficient) not in (1, 1.0):  # SymPy tells them apart
         factors.append(abs(coefficient))
     for factor in _factors(symbolic_part):
         base, power = factor, 1
