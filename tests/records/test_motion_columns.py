@@ -166,6 +166,8 @@ def assigned(header, robot="crane", given=None, **reading):
         fields = {
             name: value for name, value in vars(found).items() if not isinstance(value, np.ndarray | dict) and value
         }
+        if not found.counted:
+            del fields["header"]
         fields["places"] = {part: columns for part, columns in found.places.items() if columns is not None}
         fields["factors"] = {part: factors for part, factors in found.factors.items() if (factors != 1.0).any()}
         fields["stated"] = np.flatnonzero(found.angle_stated)
