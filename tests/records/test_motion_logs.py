@@ -26,9 +26,9 @@ from ros_logs import (
     write_messages,
 )
 from ros_logs import header as ros_header
+from tests.records.test_motion_columns import CRANE, GEARED, RAFT, outcome
 
 import twistwrench as tw
-from tests.records.test_motion_columns import CRANE, GEARED, RAFT, outcome
 from twistwrench.motion import motion_file
 from twistwrench.motion.log_checks.time_stamps import DuplicateTimestamps, steady_times
 from twistwrench.motion.log_table import check_ratio, excerpts, spread_rows, windows
@@ -486,7 +486,7 @@ def motions_from_text_files(folder):
             "repeated": read_motion(f"time,{NAMES}\n" + rows_of(np.r_[T[:7], T[6:12]], *[np.r_[c[:7], c[6], c[7:12]] for c in CURVES])),
             "averaged": read_motion(f"time,{NAMES}\n" + rows_of(np.r_[T[:7], T[6:12]], *CURVES)),
             "other columns": read_motion("time,c1,c2,c3,c4\n" + rows_of(T, *CURVES), columns={"#1": "c1", "#2": "c2", "#3": "c4", "#4": "c3 [deg]"}),
-            "locked": read_motion(f"time,zslide,boom_joint,a_tilt,spin,moves\n" + rows_of(T, *CURVES, T), CRANE.lock({"spin": 0.1})),
+            "locked": read_motion("time,zslide,boom_joint,a_tilt,spin,moves\n" + rows_of(T, *CURVES, T), CRANE.lock({"spin": 0.1})),
             "locked without column": read_motion("time,zslide,boom_joint,a_tilt,moves,stands\n" + rows_of(T, *CURVES[:3], T, 0 * T), CRANE.lock({"spin": 0.1})),
             "no rows": read_motion(f"time,{NAMES}\n"),
             "five rows": read_motion(f"time,{NAMES}\n" + rows_of(T[:5], *[c[:5] for c in CURVES])),
@@ -587,7 +587,7 @@ def recordings_of_ros(folder):
     short = plan(NAMES2, TIME6[:4], Q6[:4], DQ6[:4])
     plans = {
         "quintic": whole_plan, "cubic": plan(NAMES2, TIME6, Q6, DQ6), "positions": plan(NAMES2, TIME6, Q6), "few positions": plan(NAMES2, TIME6[:5], Q6[:5]), "one point": plan(NAMES2, TIME6[:1], Q6[:1]),
-        "backwards": plan(NAMES2, TIME6[[0, 2, 2, 3]], Q6[:4], DQ6[:4]), "no positions": plan(NAMES2, TIME6, Q6[:, :1]), "nan": plan(NAMES2, TIME6, Q6, np.where(DQ6 == DQ6[2], np.nan, DQ6)),
+        "backwards": plan(NAMES2, TIME6[[0, 2, 2, 3]], Q6[:4], DQ6[:4]), "no positions": plan(NAMES2, TIME6, Q6[:, :1]), "nan": plan(NAMES2, TIME6, Q6, np.where(DQ6[2] == DQ6, np.nan, DQ6)),
     }  # fmt: skip
     mixed = plan(NAMES2, TIME6, Q6, DQ6, DDQ6)
     mixed["points"][3]["accelerations"] = []
