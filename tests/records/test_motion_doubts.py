@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded_answers import Records
-from tests.records.test_motion_columns import ARM, CRANE, GEARED, RAFT, joint, link, loaded, outcome
+from tests.records.test_motion_columns import ARM, CRANE, GEARED, RAFT, compactly, joint, link, loaded, outcome
 
 import twistwrench as tw
 from twistwrench.core.text import words_of_the_shell
@@ -26,11 +26,30 @@ from twistwrench.motion.readers.columnar_file import ArrayFile
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
 records = Records(__file__)
+record = compactly(records)
 
 
 def short(doubts):
     """Kind, level, joints, sentence and value of each doubt."""
-    return [[d.kind, d.level, *d.joints, d.sentence, *([] if d.value is None else [d.value, d.unit])] for d in doubts]
+    found = []
+    for d in doubts:
+        sentence = (
+            d.sentence.removesuffix(d.remedy)
+            if d.kind
+            in (
+                "zero-or-direction",
+                "angle-unit",
+                "impossible-speed",
+                "lone-step",
+                "degrees-option",
+                "row-numbers",
+                "degrees-inside",
+                "millimetres-inside",
+            )
+            else d.sentence
+        )
+        found.append([d.kind, d.level, *d.joints, sentence, *([] if d.value is None else [d.value, d.unit])])
+    return found
 
 
 THREE = ["a", "b", "c"]
@@ -39,7 +58,7 @@ STOPS = (np.array([-2.0, -1.5, -3.0]), np.array([2.5, 1.0, 3.5]))
 DEG = math.radians(1.0)
 
 
-@records.of
+@record
 def angles_that_may_have_another_unit():
     def doubted(
         least, largest, limits=STOPS, factor=(1.0, 1.0, 1.0), stated=(False, False, False), origin="either", names=THREE
@@ -83,7 +102,7 @@ def angles_that_may_have_another_unit():
     }  # fmt: skip
 
 
-@records.of
+@record
 def lengths_beyond_their_stops():
     lower, upper = np.array([0.0, -0.5, -np.inf]), np.array([0.5, 1.0, np.inf])
 
@@ -97,7 +116,7 @@ def lengths_beyond_their_stops():
     }  # fmt: skip
 
 
-@records.of
+@record
 def words_for_wrong_scales():
     gains = [
         1e3,
@@ -123,7 +142,15 @@ def words_for_wrong_scales():
         1150.0,
         7e5,
     ]
-    return {f"{angular} {per}": {str(round(g, 6)): scale_words(g, angular, "positions", per) for g in gains} for angular in (True, False) for per in ("/s", "/s^2")}  # fmt: skip
+    short_list = [1e3, 1e-3, 57.3, 1 / 57.3, 9.55, math.inf, -1.0, 2.0]
+    return {
+        f"{angular} {per}": {
+            str(round(g, 6)): scale_words(g, angular, "positions", per)
+            for g in (gains if angular and per == "/s" else short_list)
+        }
+        for angular in (True, False)
+        for per in ("/s", "/s^2")
+    }
 
 
 T = np.arange(60) * 0.05
@@ -181,7 +208,7 @@ def changed(array, rows, columns, values):
     return array
 
 
-@records.of
+@record
 def doubts_about_times_of_logs():
     slow = S[0] + 0.1 * (S - S[0])
     return {
@@ -231,7 +258,7 @@ UNLIMITED = loaded(
 )
 
 
-@records.of
+@record
 def doubts_about_positions_of_logs():
     turned = S.copy()
     turned[:, 3] = 1.1 * np.linspace(-1.5, 3.2, 60)
@@ -281,7 +308,7 @@ def stated_limits():
     return StatedLimits(**limits, stated=np.zeros(4, bool), with_unit=with_unit)
 
 
-@records.of
+@record
 def doubts_about_rates_of_logs():
     def scaled(array, column, factor):
         array = array.copy()
@@ -362,7 +389,7 @@ def doubts_about_rates_of_logs():
     }  # fmt: skip
 
 
-@records.of
+@record
 def instants_of_motions():
     t = np.arange(80) * 0.01
 
@@ -403,7 +430,7 @@ def instants_of_motions():
     }  # fmt: skip
 
 
-@records.of
+@record
 def origins_and_doubtful_spans():
     rng = np.arange(200.0)
     grids = {g: np.round(np.sin(rng / 17) / g) * g for g in (2 * math.pi / 4096, 0.001, 0.0005, 0.0003, 0.002)}
@@ -445,7 +472,7 @@ def with_limits(robot=CRANE, **values):
     return replace(robot.limits, **{name: np.array(value, float) for name, value in values.items()})
 
 
-@records.of
+@record
 def limits_that_no_robot_has():
     def doubted(robot=CRANE, **values):
         limits = with_limits(robot, **values)
@@ -481,7 +508,7 @@ def limits_that_no_robot_has():
     }  # fmt: skip
 
 
-@records.of
+@record
 def loads_that_no_robot_carries():
     def doubted(mass, place, frame=None, reach=1.5, robot=CRANE):
         return outcome(lambda: short(credible_values.credible_load(mass, place, frame, robot, reach)))
@@ -510,7 +537,7 @@ class Peak:
         self.peak, self.uncertainty, self.unit = peak, uncertainty, unit
 
 
-@records.of
+@record
 def doubts_about_models():
     floating = loaded(
         '<robot name="float"><link name="hull"><inertial><origin xyz="0.1 0.2 -0.05"/><mass value="8.5"/><inertia ixx="0.5" iyy="0.7" izz="0.9" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -546,7 +573,7 @@ def doubts_about_models():
     }  # fmt: skip
 
 
-@records.of
+@record
 def conventions_of_programs():
     header = ("time", "J1", "J2", "J3", "J4", "J5", "J6", "thumb", "pinky")
     table = np.arange(45.0).reshape(5, 9) / 50
@@ -601,7 +628,7 @@ def renamed(*names):
         ) + "</robot>"  # fmt: skip
 
 
-@records.of
+@record
 def doubts_about_arrays():
     """Motions made of arrays: only quick checks when they are made, all checks when they are asked."""
 
@@ -626,7 +653,7 @@ def doubts_about_arrays():
     }  # fmt: skip
 
 
-@records.of
+@record
 def portions_of_a_log_are_counted_once():
     q = changed(S, 33, 2, S[33, 2] + 0.3)
     q[:, 3] = np.mod(np.linspace(-1.5, 3.9, 60) + math.pi, math.tau) - math.pi

@@ -26,7 +26,7 @@ from ros_logs import (
     write_messages,
 )
 from ros_logs import header as ros_header
-from tests.records.test_motion_columns import CRANE, GEARED, RAFT, outcome
+from tests.records.test_motion_columns import CRANE, GEARED, RAFT, compactly, outcome
 
 import twistwrench as tw
 from twistwrench.motion import motion_file
@@ -45,6 +45,7 @@ from twistwrench.motion.readers.ros_recordings import between_points, ros_file
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
 records = Records(__file__)
+record = compactly(records)
 
 TEN = "".join(f"{0.1 * k:.3f},{k * k:.2f},{-k:.4f}\n" for k in range(10))
 TEXTS = {
@@ -106,7 +107,7 @@ def read_text(path):
     return outcome(read)
 
 
-@records.of
+@record
 def texts_of_all_dialects(folder):
     found = {}
     raw = {
@@ -124,7 +125,7 @@ def texts_of_all_dialects(folder):
     return found
 
 
-@records.of
+@record
 def numbers_in_cells():
     cells = [
         " -1.5e3 ",
@@ -174,7 +175,7 @@ T4 = np.array([0.5, 0.75, 1.25, 1.5])
 Q42 = np.array([[0.1, -0.2], [0.3, 0.4], [-0.5, 0.6], [0.7, 0.85]])
 
 
-@records.of
+@record
 def files_of_numpy_and_matlab(folder):
     from scipy.io import savemat
 
@@ -226,7 +227,7 @@ def files_of_numpy_and_matlab(folder):
     return found
 
 
-@records.of
+@record
 def files_of_arrow_and_hdf5(folder):
     import h5py
     import pyarrow as pa
@@ -291,7 +292,7 @@ def files_of_arrow_and_hdf5(folder):
     return found
 
 
-@records.of
+@record
 def file_of_parquet_read_in_a_child(folder):
     import pyarrow as pa
     from pyarrow import parquet
@@ -350,7 +351,7 @@ def pair(folder, one, other, names="one.csv+two.csv"):
     return outcome(read)
 
 
-@records.of
+@record
 def files_joined_by_columns(folder):
     a = "time,x,y\n0,1,10\n0.5,2,20\n1,3,40\n1.5,5,50\n"
     with contextlib.chdir(folder):
@@ -376,7 +377,7 @@ def files_joined_by_columns(folder):
         }  # fmt: skip
 
 
-@records.of
+@record
 def sums_of_columns():
     def summed(columns, header=("time", "J2 [deg]", "J3 [deg]", "x", "y-z")):
         file = ArrayFile.from_table(Path("log.csv"), header, np.arange(15.0).reshape(3, 5) ** 2, 120)
@@ -397,7 +398,7 @@ def sums_of_columns():
     return {str(c): outcome(summed, c) for c in cases}
 
 
-@records.of
+@record
 def rows_of_one_time():
     base = np.array(
         [
@@ -465,7 +466,7 @@ CURVES = [0.3 * np.sin(2 * T), -0.5 + 0.4 * T**2, 1.5 * T, 0.2 - 0.3 * np.cos(3 
 NAMES = "zslide,boom_joint,spin,a_tilt"
 
 
-@records.of
+@record
 def motions_from_text_files(folder):
     degrees = [100 * CURVES[0], *[np.degrees(c) for c in CURVES[1:]]]
     rates = [np.gradient(c, T) for c in CURVES]
@@ -498,7 +499,7 @@ def motions_from_text_files(folder):
         }  # fmt: skip
 
 
-@records.of
+@record
 def motions_with_rounded_stamps(folder):
     n = 45
     t = np.floor(np.arange(n) * 0.4 + 0.1) * 0.01
@@ -514,7 +515,7 @@ def motions_with_rounded_stamps(folder):
         }
 
 
-@records.of
+@record
 def motion_logs_without_files():
     motion = tw.Motion(T, np.stack(CURVES, 1), robot=CRANE, tau=np.stack(CURVES[::-1], 1))
     given = tw.Motion(T, motion.q, motion.dq, motion.ddq, robot=CRANE, tau=motion.tau, plan=True)
@@ -563,7 +564,7 @@ def read_recording(path, **options):
     return outcome(lambda: summary(ros_file(Path(path), **options)))
 
 
-@records.of
+@record
 def recordings_of_ros(folder):
     date = 1_600_000_000
     states = [joint_state(t, NAMES2, q, dq, tau, date) for t, q, dq, tau in zip(TIME6, Q6, DQ6, DDQ6, strict=True)]
@@ -663,7 +664,7 @@ def recordings_of_ros(folder):
     return found  # fmt: skip
 
 
-@records.of
+@record
 def databases_of_ros(folder):
     states = [joint_state(t, NAMES2, q, [], tau) for t, q, tau in zip(TIME6, Q6, DDQ6, strict=True)]
     found = {}
@@ -678,7 +679,7 @@ def databases_of_ros(folder):
     return found
 
 
-@records.of
+@record
 def points_of_plans():
     ddq = DDQ6.copy()
     ddq[2, 1] = np.nan
