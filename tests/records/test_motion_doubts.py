@@ -419,7 +419,7 @@ def instants_of_motions():
         "start": found(np.c_[-0.1 * start, 0 * t, 0.9 * start, 0.2 * start]),
         "stop of one": found(np.c_[q[:, :2], 0.9 * stop, q[:, 3]]),
         "impact beside a wrong row": [found(changed(np.c_[q[:, :2], 0.4 * np.abs(np.sin(3.8 * (t - 0.4))), q[:, 3]], 40 + k, 1, 0.9))[0] for k in (4, 9)],
-        "noise": found(q + 1e-3 * np.sin(1e4 * np.arange(320).reshape(80, 4) ** 1.5)),
+        "noise": found(q + 1e-3 * np.random.default_rng(5).uniform(-1, 1, (80, 4))),
         "first row": found(changed(q, 0, 1, 0.3)),
         "last row": found(changed(q, 79, 1, q[79, 1] + 0.3)),
         "few rows": found(q[:19], t[:19]),

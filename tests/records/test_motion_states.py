@@ -241,7 +241,7 @@ def extrema_and_runs_above_limits():
 
 N = 90
 LT = np.arange(N) * 0.01
-NOISE = 1e-3 * np.sin(np.outer(np.arange(N) + 1.0, [1e4, 2e4, 3e4, 5e4]) ** 1.3)
+NOISE = 1e-3 * np.random.default_rng(7).uniform(-1, 1, (N, 4))
 LQ = np.stack([0.3 * np.sin(2 * LT), -0.5 + 0.4 * LT**2, 1.5 * LT, 0.2 - 0.3 * np.cos(3 * LT)], 1)
 
 
