@@ -130,7 +130,7 @@ def whiteness_of_residuals():
             e[9:, 1] += 1.5 * e[:-9, 1]
         w = Whiteness.from_residuals(e, Q.reshape(n, 3, 2), ["x", "y", "z"])
         found.append([w, w.white])
-    return found + [covariance._mean_of_neighbours(np.array([1.0, 3.0, 7.0]))]
+    return [*found, covariance._mean_of_neighbours(np.array([1.0, 3.0, 7.0]))]
 
 
 @records.of
@@ -209,9 +209,9 @@ def scales_and_delays_of_rates():
     return compact({
         "segments": [[(s.start, s.stop) for s in logged_rates.segments(t)] for t in (T[:7], T[:8], gap, np.arange(1100) * 0.01, np.r_[T[:5], T[:20] + 9])],
         "scales": [logged_rates.rate_scales([(T, X, Y * f)], turns) for f in (1.0, np.array([2.0, -1.0, 0.5, 3.0]))], "runs": logged_rates.rate_scales([(T[:200], X[:200], Y[:200]), (T[200:], X[200:], 3 * Y[200:])], turns), "none": logged_rates.rate_scales([(T[:5], X[:5], Y[:5])], turns),
-        "stands": [logged_rates.rate_scales([(T, X, Y + [0, 0, 0, v])], turns) for v in (0.045, 0.055)], "little": [logged_rates.rate_scales([(T, np.c_[X[:, :1], f * X[:, 1:2], X[:, 2:]], np.c_[Y[:, :1], 2 * f * Y[:, 1:2], Y[:, 2:]])], turns) for f in (0.035, 0.045)], "rounded": logged_rates.rate_scales([(T, np.round(X / 0.03) * 0.03, 2 * Y)], turns), "noisy": logged_rates.rate_scales([(T, X + [0.1, 0.001, 0.01, 0] * numbers(400, 4), 2 * Y)], turns),
+        "stands": [logged_rates.rate_scales([(T, X, Y + np.array([0, 0, 0, v]))], turns) for v in (0.045, 0.055)], "little": [logged_rates.rate_scales([(T, np.c_[X[:, :1], f * X[:, 1:2], X[:, 2:]], np.c_[Y[:, :1], 2 * f * Y[:, 1:2], Y[:, 2:]])], turns) for f in (0.035, 0.045)], "rounded": logged_rates.rate_scales([(T, np.round(X / 0.03) * 0.03, 2 * Y)], turns), "noisy": logged_rates.rate_scales([(T, X + [0.1, 0.001, 0.01, 0] * numbers(400, 4), 2 * Y)], turns),
         "aliased": logged_rates.rate_scales([(T, X, fast)], turns), "gap": logged_rates.rate_scales([(gap, X, Y)], turns),
-        "delays": [logged_rates.rate_delays([(T, X, delayed(d) * slow)], 4) for d in (0.03, 0.05, -0.2, 0.5, 0.65)], "bias": logged_rates.rate_delays([(T, X, delayed(0.1) + [0.3, -0.2, 0.1, 0.0])], 4), "short": [logged_rates.rate_delays([(T[:n], X[:n], delayed(0.1)[:n])], 4) for n in (150, 260)], "slow steps": logged_rates.rate_delays([(8 * T[:200], X[:200], delayed(0.09)[:200])], 4), "two runs": logged_rates.rate_delays([(T, X, delayed(0.1)), (T[:1], X[:1], Y[:1])], 4), "apart": logged_rates.rate_delays([(gap, X, delayed(0.1))], 4),
+        "delays": [logged_rates.rate_delays([(T, X, delayed(d) * slow)], 4) for d in (0.03, 0.05, -0.2, 0.5, 0.65)], "bias": logged_rates.rate_delays([(T, X, delayed(0.1) + np.array([0.3, -0.2, 0.1, 0.0]))], 4), "short": [logged_rates.rate_delays([(T[:n], X[:n], delayed(0.1)[:n])], 4) for n in (150, 260)], "slow steps": logged_rates.rate_delays([(8 * T[:200], X[:200], delayed(0.09)[:200])], 4), "two runs": logged_rates.rate_delays([(T, X, delayed(0.1)), (T[:1], X[:1], Y[:1])], 4), "apart": logged_rates.rate_delays([(gap, X, delayed(0.1))], 4),
     })  # fmt: skip
 
 
