@@ -537,6 +537,13 @@ class Peak:
         self.peak, self.uncertainty, self.unit = peak, uncertainty, unit
 
 
+QUADRUPED = loaded(tw.robots.path_of("quadruped"))
+LOOPED = loaded("""<mujoco model="loops"><worldbody><body name="a" pos="0 0 1"><joint name="ja" axis="0 1 0"/><geom type="box" size=".1 .2 .3" mass="1"/>
+<body name="b" pos="1 0 0"><joint name="jb" axis="0 1 0"/><geom type="box" size=".1 .2 .3" mass="2"/></body></body>
+<body name="c" pos="1 0 0"><joint name="jc" axis="0 1 0"/><geom type="box" size=".1 .2 .3" mass="3"/><body name="d" pos="0 0 .5"><joint name="jd" axis="0 1 0"/><geom type="box" size=".1 .2 .3" mass="4"/></body></body></worldbody>
+<equality><connect name="pin" body1="b" body2="c" anchor="0 0 0"/><connect name="rod" body1="a" body2="c" anchor="0.1 0 0"/></equality></mujoco>""")
+
+
 @record
 def doubts_about_models():
     floating = loaded(
@@ -568,7 +575,9 @@ def doubts_about_models():
         "assumed": [model_doubts.assumed_words(c) for c in ([], ["one"], ["one", "two", "three"])],
         "friction": [model_doubts.friction_words(m, counted=c) for m in (CRANE.model, ARM.model) for c in (True, False)],
         "legged": [model_doubts.base_doubts(CRANE.model), model_doubts.hanging_excess("x 5"), model_doubts.open_loop_excess("x 6")],
-        "loops": [model_doubts.open_loop_joints(CRANE.model)],
+        "loops": [[model_doubts.open_loop_joints(m.model), model_doubts.model_warnings(m.model)] for m in (CRANE, LOOPED)],
+        "on legs": [[str(r), r.remedy] for remedy in ("hanging", "hanging, feet", "hangs, payload") for r in model_doubts.base_doubts(QUADRUPED.model, remedy)],
+        "on legs in the shell": in_the_shell(lambda: [str(r) for r in model_doubts.base_doubts(QUADRUPED.model)]),
         "shell": in_the_shell(lambda: model_doubts.assumptions(floating.model, loads)),
     }  # fmt: skip
 

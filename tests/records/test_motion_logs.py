@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gzip
 import json
+import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -29,12 +30,12 @@ from ros_logs import header as ros_header
 from tests.records.test_motion_columns import CRANE, GEARED, RAFT, compactly, outcome
 
 import twistwrench as tw
-from twistwrench.motion import motion_file
+from twistwrench.motion import log_table, motion_file
 from twistwrench.motion.log_checks.time_stamps import DuplicateTimestamps, steady_times
 from twistwrench.motion.log_table import check_ratio, excerpts, spread_rows, windows
 from twistwrench.motion.motion_file import JoinedFile, joints_without_column, moves_motors, open_motion_file
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.motion.readers import format_of
+from twistwrench.motion.readers import child_readers, csv_reader, format_of, recording_bounds
 from twistwrench.motion.readers.array_files import array_file
 from twistwrench.motion.readers.columnar_file import ArrayFile
 from twistwrench.motion.readers.csv_reader import CsvFile, Dialect, is_number, parse_block
@@ -296,8 +297,6 @@ def files_of_arrow_and_hdf5(folder):
 def file_of_parquet_read_in_a_child(folder):
     import pyarrow as pa
     from pyarrow import parquet
-
-    from twistwrench.motion.readers import child_readers
 
     with contextlib.chdir(folder):
         parquet.write_table(
@@ -688,6 +687,114 @@ def points_of_plans():
         "at the points": between_points(TIME6[:3], Q6[:3, :1], DQ6[:3, :1], DDQ6[:3, :1], 0.0020004),
         "near a point": between_points(TIME6[:3], Q6[:3, :1], DQ6[:3, :1], DDQ6[:3, :1], 0.0019996),
     }
+
+
+@record
+def rows_in_small_blocks(folder):
+    """A log in many blocks and in one, and tables that are too large for the memory: nothing depends on it."""
+    k = np.arange(70)
+    columns = [0.3 * np.sin(0.1 * k), -0.5 + 1e-4 * k**2, 0.03 * k + 0.2 * (k == 33), 0.2 - 0.3 * np.cos(0.08 * k)]
+    t = k * 0.02 + 0.011 * (k == 52) - 0.02 * (k > 40)
+    text = f"time,{NAMES},claw\n# x\n" + rows_of(t, *columns, 0.3 - 0.7 * columns[3] + 0.2 * (k == 60))
+    found = {}
+    with contextlib.chdir(folder):
+        for name, rows, block, memory in (
+            ("one", log_table.ROWS, csv_reader._BLOCK_SIZE, log_table.MAX_TABLE_IN_MEMORY),
+            ("many", 13, 64, 256),
+        ):
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(log_table, "ROWS", rows)
+                patch.setattr(csv_reader, "_BLOCK_SIZE", block)
+                patch.setattr(log_table, "MAX_TABLE_IN_MEMORY", memory)
+                Path("run.csv").write_text(text)
+                log = MotionLog.open("run.csv", CRANE.model, rate=None)
+                found[name] = [
+                    np.array(log.table),
+                    log.notes,
+                    [[d.kind, d.sentence] for d in log.doubts()],
+                    log.instants,
+                    type(log.table).__name__,
+                ]
+                Path("run.csv").write_text(text + "9.0,0,0,x,0,0\n")
+                found[f"{name}, error"] = outcome(lambda: MotionLog.open("run.csv", CRANE.model).table)
+                Path("run.csv").write_text(text + "0.5,0,0,0,0,0\n")
+                found[f"{name}, order"] = outcome(lambda: MotionLog.open("run.csv", CRANE.model).table)
+                found[f"{name}, counted"] = outcome(
+                    lambda: np.array(
+                        MotionLog.open(
+                            ArrayFile.from_table(Path("x"), NAMES.split(","), np.stack(columns, 1), 9),
+                            CRANE.model,
+                            rate=50.0,
+                        ).table
+                    )
+                )
+                Path("b.csv").write_text("time,z\n" + "".join(f"{0.3 + 0.07 * k},{k * k}\n" for k in range(9)))
+                Path("run.csv").write_text(text)
+                joined = open_motion_file("run.csv+b.csv")
+                found[f"{name}, joined"] = joined.table([0, 2, len(joined.header) - 1])
+                found[f"{name}, without"] = log_table.without_times(np.c_[t, k].astype(float), t[[3, 20, 69]])[:, 1]
+        return found
+
+
+@record
+def bounds_on_recordings(folder):
+    def database(name, *statements, bound=None):
+        with contextlib.closing(sqlite3.connect(name)) as made:
+            for statement in statements:
+                made.execute(statement)
+            made.commit()
+
+        def read():
+            with recording_bounds.recording_database(Path(name)) as opened:
+                if bound:
+                    opened.execute(bound).fetchall()
+                return sorted(row[0] for row in opened.execute("select name from sqlite_master where type = 'table'"))
+
+        return outcome(read)
+
+    with contextlib.chdir(folder):
+        found = {
+            "plain": database("a.db3", "create table topics (id, name, type)", "create table messages (id, topic_id, data)", "create table other (x)"), "view": database("b.db3", "create table t (id)", "create view topics as select * from t"), "computed": database("c.db3", "create table topics (id, twice generated always as (id * 2))", "create view messages as select 1"),
+            "computed alone": database("d.db3", "create table messages (id, twice generated always as (id * 2), thrice generated always as (id * 3) stored)"), "virtual": database("e.db3", "create virtual table topics using fts5(name)"), "many steps": database("f.db3", "create table topics (id)", bound="with recursive c(x) as (select 1 union all select x + 1 from c where x < 9000000) select count(*) from c"),
+        }  # fmt: skip
+        path = Path("a.db3")
+        found["values"] = [
+            outcome(lambda n=n: len(recording_bounds.values_within([b"x" * 2**19] * n, path))) for n in (2, 3)
+        ]
+        with recording_bounds.BoundedFile(path) as file:
+            found["reads"] = [
+                len(file.read(7)),
+                len(file.read(10**9)) == path.stat().st_size - 7,
+                len(file.read()),
+                len(file.read(5)),
+                file.seek(3),
+                len(file.read()) == path.stat().st_size - 3,
+            ]
+        import zstandard
+
+        Path("x.zstd").write_bytes(zstandard.ZstdCompressor().compress(b"0" * 1000))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(log_table, "FREE_UNPACKED_SIZE", 900)
+            patch.setattr(log_table, "MAX_RATIO", 10)
+            found["packed"] = outcome(recording_bounds._check_packed, Path("x.zstd")).split(" MiB")[1:]
+        write_messages(
+            "s.mcap",
+            {
+                "/a": (
+                    "sensor_msgs/msg/JointState",
+                    JOINT_STATE,
+                    [joint_state(t, NAMES2, q) for t, q in zip(TIME6, Q6, strict=True)],
+                )
+            },
+        )
+        found["recording"] = [
+            x if isinstance(x, np.ndarray) else x[::2] for x in child_readers.recording("s.mcap", "/a", "/a")
+        ]
+        Path("folder").mkdir()
+        Path("folder/a.db3").write_bytes(Path("b.db3").read_bytes())
+        found["folder"] = outcome(recording_bounds.check_folder, Path("folder"))
+        found["sizes"] = [child_readers._limits(Path(p)).output for p in ("folder", "none")]
+    return found
 
 
 @pytest.mark.parametrize("name", records.names)

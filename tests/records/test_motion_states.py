@@ -6,6 +6,7 @@ import contextlib
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -473,6 +474,129 @@ def joints_held_and_beside():
         "held": [held({"spin": 0.5, "a_*": 0.25}), held({"*": 0.1, "spin": 2}), held({"*": 0.1}, degrees=True), held({"s*": 0.1, "*n": 0.1}), held({"s*": 0.1, "*n": 0.2}), held({"x?": 1}), held({"claw": 0.3}), held({"nobody": 1.0})],
         "limits": [held({"a_tilt": x}) for x in (2.875, 2.8750028, 2.87501, 90, -1.75, -1.8)] + [held({"a_tilt": 170}, degrees=True), held({"a_*": 90}), held({"zslide": 9.5}), held({"zslide": 9}, degrees=True), held({"z[st]lide": 0.5})],
         "shell": in_the_shell(lambda: held({"a_tilt": 90})), "beside": [outcome(joints_beside, CRANE.model, *c) for c in (("ground", "tool0"), ("jib", "hand"), ("turret", "ground"), ("tool0", "finger"), ("ground", "nobody"), ("hand", "tool0"))] + [outcome(joints_beside, ARM.model, "l7", "l8"), outcome(joints_beside, RAFT.model, "sea", "mast")],
+    }  # fmt: skip
+
+
+SPRUNG = CRANE.with_actuators(
+    {"actuators": {"a_tilt": {"ratio": 50, "rotor": {"inertia": "12 g cm^2"}, "stiffness": "900 N m/rad"}}}
+)
+"""The crane with an elastic joint, whose motor is the last entry of q."""
+
+
+@record
+def load_cases_of_an_elastic_joint():
+    q, dq, ddq = np.c_[Q, Q[:, 3] * 0.9], np.c_[DQ, DQ[:, 3] * 0.8], np.c_[DDQ, DDQ[:, 2] + 0.5]
+    s = differentiation.MotionSamples(T, q, dq, ddq, q, np.zeros(q.shape, bool), np.zeros((14, 0)))
+    case = LoadCase(SPRUNG, LOADS[:1], {"hand": [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]})
+    return {"names": SPRUNG.model.velocity_names, "terms": {k: v[5] for k, v in case.terms(s).items()}, "torques": case.torques(s)[5], "explained": np.round(case.explain(s[5]).torque, 7), "loaded": [load_case.loaded_entries(SPRUNG.model, [0.0, 1, 0, 2e-6, 5]), load_case.loaded_entries(SPRUNG.model, [0.0, 1, 0, 1, 0])], "driven": load_case.driven_entries(SPRUNG.model)}  # fmt: skip
+
+
+@record
+def calls_of_rooms_above():
+    """Arguments with which a motion calls plots, pages and recordings, and a file or frame is read."""
+    given = []
+    m = crane_motion()
+    other = CRANE.with_gravity([0, 0, -1.6])
+
+    def noted(name):
+        def call(*positional, **named):
+            shown = [
+                (type(x).__name__, getattr(x, "robot", None) is other)
+                if not isinstance(x, str | int | float | dict | None)
+                else x
+                for x in positional
+            ]
+            given.append(
+                [
+                    name,
+                    shown,
+                    {
+                        k: v if isinstance(v, str | int | float | bool | dict | None) else type(v).__name__
+                        for k, v in named.items()
+                    },
+                ]
+            )
+            return name
+
+        return call
+
+    from twistwrench.reports import drawn_motion
+    from twistwrench.reports.recordings import mcap, recording, rerun_file
+    from twistwrench.viz import page
+    from twistwrench.viz.plots import motion as plots
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name in (
+            (plots, "plot_motion"),
+            (page, "show"),
+            (mcap, "write_mcap"),
+            (rerun_file, "write_rerun"),
+            (drawn_motion, "motion_of"),
+        ):
+            patch.setattr(module, name, noted(name))
+        patch.setattr(recording.Recording, "from_motion", staticmethod(noted("from_motion")))
+        results = [
+            m.plot("a.svg"),
+            m.plot("a.svg", CRANE.limits, friction=True),
+            m.show(),
+            m.show(other, embed=True, control="x"),
+            m.to_mcap("a.mcap"),
+            m.to_rerun("a.rrd"),
+            m.to_rerun("a.rrd", other),
+        ]
+
+    class Opened(Exception):
+        pass
+
+    def opened(path, model, **options):
+        given.append([str(path) if isinstance(path, str) else type(path).__name__, options])
+        raise Opened
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(MotionLog, "open", opened)
+        for call in (
+            lambda: tw.Motion.from_file("a.csv", CRANE),
+            lambda: tw.Motion.from_file(
+                "a.csv",
+                CRANE,
+                columns={"a": "b"},
+                rate=2.0,
+                degrees=True,
+                gain={"a": 3.0},
+                topic="t",
+                command_topic="c",
+                episode=4,
+                plan=True,
+            ),
+            lambda: tw.Motion.from_dataframe(m.to_pandas(), CRANE),
+            lambda: tw.Motion.from_dataframe(
+                m.to_pandas(), CRANE, columns={"a": "b"}, rate=2.0, degrees=True, gain={"a": 3.0}
+            ),
+        ):
+            with contextlib.suppress(Opened):
+                call()
+    return {
+        "given": given,
+        "results": results,
+        "errors": [outcome(tw.Motion.from_file, "a.csv", 3), outcome(tw.Motion.from_dataframe, m.to_pandas(), 3)],
+    }
+
+
+@record
+def rest_and_ringing_of_splines():
+    t = np.r_[np.arange(10) * 0.01, 0.5 + np.arange(10) * 0.01]
+    q = np.zeros((20, 4))
+    q[:, 0], q[:, 1], q[:, 2], q[:, 3] = 1e3, 0.01 * np.arange(20), np.arange(20) // 3 * 0.02, 0.3
+    dq = np.tile([3e-12, 0.5, 0.04, 0.2], (20, 1))
+    dq[::4] *= [9, -1, 2, 0.1]
+    exact = SimpleNamespace(quantum=np.array([0.0, 0.0, 0.02, 0.0]), noise=np.array([0.0, 1e-4, 0.0, 0.01]))
+    sigma = np.array([0.0, 0.05, 0.009, 0.01])
+    gridded = SimpleNamespace(quantum=np.zeros(4), noise=np.zeros(4))
+    uneven = t + 0.002 * np.sin(np.arange(20.0))
+    return {
+        "rest": [np.argwhere(differentiation.stationary_intervals(x, CRANE.model, u, q, dq, sigma)) for x in (exact, gridded) for u in (t, uneven)],
+        "ringing": [np.argwhere(differentiation.ringing(x, CRANE.model, t, q, dq, f)) for x in (exact, gridded) for f in (np.ones(4), np.array([1, 50.0, 1, 1]))], "two rows": differentiation.ringing(gridded, CRANE.model, t[:2], q[:2], dq[:2], np.ones(4)).sum(),
+        "raft": [differentiation.stationary_intervals(SimpleNamespace(quantum=np.zeros(11)), RAFT.model, t, np.tile(np.arange(11.0), (20, 1)), np.full((20, 10), 0.3), np.zeros(10)).sum(axis=0), differentiation._to_joints(RAFT.model, np.arange(1.0, 12.0))],
     }  # fmt: skip
 
 
