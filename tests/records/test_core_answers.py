@@ -57,6 +57,7 @@ def torques(**options):
         Column("", SHARES, lambda share: Bar(share, "x" if share < 1 else "over") if share == share else "–", narrow=Column("share", SHARES, blocks.share_cell, unit="%")),
         blocks.numbers("all", range(10), lambda k: f"{k} {10 * k} {100 * k}", min_width=4, wide_only=True),
         None,
+        blocks.words("mark", ["", "x", "", "", "y", "", "", "", "", "z"]),
         blocks.words("", ["┃"] * 10, style=Style.QUIET),
         Column("glyphs", range(10), lambda k: Glyphs("▁▂▃"[k % 3], Style.NEAR)),
         styles=[Style.OVER if share > 1 else "" for share in SHARES],

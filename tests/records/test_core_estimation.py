@@ -167,7 +167,7 @@ def least_squares_of_rows():
         "fits": {m: least_squares.weighted_fit(W, tau, prior, m, active, r) for m in ("irls", "wls", "ols") for r in (rows,)}, "all rows": least_squares.weighted_fit(W, tau, prior, "irls"), "prior": prior.solve(other.N.sum(axis=0), other.c.sum(axis=0)),
         "parts": [least_squares.sum_of(parts), list(least_squares.left_out(parts)), list(least_squares.left_out(parts[:1])), least_squares.squares_of(parts[1], x)], "huber": [least_squares.huber_weights(np.array([0.0, 1.3, 1.4, 5.0])), least_squares.huber_weights(np.array([2.0]), 4.0)],
         "positive": least_squares.solve_positive(np.array([[4.0, 1.0], [1.0, 9.0]]), np.array([1.0, 2.0]), np.array([2.0, 3.0])), "orthogonal": least_squares.orthogonal_fit(A, numbers(9, 2, seed=18), 0.5 + np.abs(numbers(9, 2, seed=19)), np.array([1.0, 2.0, 3.0, 0.5])),
-        "null": [least_squares.null_combinations(np.array(a, float)) for a in ([[1, 2, 0, 0], [0, 0, 1, -1]], [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], [[1, 1, 1], [2, 2, 2], [3, 3, 3], [1, 1, 1.0]])],
+        "null": [least_squares.null_combinations(np.array(a, float)) for a in ([[1, 2, 0, 0], [0, 0, 1, -1]], [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], [[1, 1, 1], [2, 2, 2], [3, 3, 3], [1, 1, 1.0]])] + [least_squares.null_combinations(np.zeros((2, 0)))],
     })  # fmt: skip
 
 

@@ -476,10 +476,17 @@ def joints_without_columns():
     }
 
 
+BELT = loaded(
+    '<robot name="belt"><link name="floor"/>' + "".join(link(f"b{k}", 1.0 + k, "0.1 0 0.2", (0.1, 0.12, 0.09, 0.001, 0.002, 0.003)) for k in range(3))
+    + joint("drum", "continuous", "floor", "b0", "0 0.1 0", "0 1 0") + joint("idler", "continuous", "b0", "b1", "0 0.1 0", "0 1 0", '<mimic joint="drum" multiplier="2" offset="0.1"/>')
+    + joint("flap", "prismatic", "b1", "b2", "0 0.1 0", "0 1 0", '<limit lower="0" upper="1" velocity="3" effort="4"/>') + "</robot>"
+)  # fmt: skip
+
+
 @record
 def coordinates_of_robots():
     found = {}
-    for name, robot in ROBOTS.items():
+    for name, robot in (ROBOTS | {"belt": BELT}).items():
         c = Coordinates.from_model(robot.model)
         found[name] = {
             "all": {k: [(s.start, s.stop) for s in v] if k == "quaternions" else v for k, v in vars(c).items()},

@@ -192,6 +192,8 @@ def violated_limits():
             replace(GEARED.limits, effort=np.array([1.0, 2, 3, 4]))
         )
     ]
+    turns = [tw.Motion(T, Q, DQ, DDQ, robot=SCREW).violations(replace(SCREW.limits, effort=np.full(4, 0.01)))]
+    found["screw"] = [str(v) for v in turns[0]]
     check = LimitCheck(CRANE.model, limits(jerk=[3.0, 2.0, 1.0, 5.0]))
     check.add_jerk(T, DDQ * (T > 0.1)[:, None])
     found["jerk"] = check.violations()
@@ -202,7 +204,7 @@ def violated_limits():
     found["in degrees"] = [
         Violation("a", k, 3.2, -3.0, 0.5, u).in_degrees()
         for k, u in (("velocity", "rad/s"), ("torque", "N m"), ("position", "m"))
-    ] + [Violation("a", "torque", 3.2, -3.0, 0.5, "N m").by]
+    ] + [Violation("a", "torque", -3.2, -3.0, 0.5, "N m").by, Violation("a", "position", 0.2, 0.5, 0.5, "rad").by]
     return found
 
 
@@ -239,6 +241,12 @@ def extrema_and_runs_above_limits():
         "own": [outcome(bounds_or_own, CRANE, 3), bounds_or_own(CRANE, None) is CRANE.limits],
     }  # fmt: skip
 
+
+SCREW = CRANE.with_actuators({
+    "couplings": {"lift": {"motors": ["m_up", "m_round"], "joints": ["zslide", "spin"], "motor_per_joint": [[40, 1], [0, 3]]}},
+    "actuators": {"m_up": {"ratio": 8, "rotor": {"inertia": "20 g cm^2"}}, "m_round": {"ratio": 6, "rotor": {"inertia": "12 g cm^2"}}},
+})  # fmt: skip
+"""The crane with a motor that moves a sliding and a turning joint."""
 
 N = 90
 LT = np.arange(N) * 0.01
