@@ -130,7 +130,30 @@ KUKA = tw.load(
     + "</robot>"
 )  # fmt: skip
 
-ROBOTS = {"crane": CRANE, "raft": RAFT, "geared": GEARED, "arm": ARM, "kuka": KUKA, "hinge": tw.robots.pendulum()}
+TWIN_LINKS = [
+    (f"{side}_{k}", "torso" if k == 1 else f"{side}_l{k - 1}", f"{side}_l{k}")
+    for side, count in (("left", 4), ("right", 5))
+    for k in range(1, count + 1)
+]
+TWINS = loaded(
+    '<robot name="twins"><link name="floor"/>'
+    + "".join(link(name, 2.0 - 0.1 * k, f"0.{k} 0.02 0.1", (0.1, 0.12, 0.09, 0.001, 0.002, 0.003)) for k, name in enumerate(["torso", "head", *[child for _, _, child in TWIN_LINKS]]))
+    + joint("waist", "continuous", "floor", "torso", "0 0 1", "0 0.1 1")
+    + joint("neck", "continuous", "torso", "head", "0 0 0.5", "0 0.1 1")
+    + "".join(joint(name, "continuous", parent, child, "0 0.1 0.3", "0 1 0.2") for name, parent, child in TWIN_LINKS)
+    + "</robot>"
+)  # fmt: skip
+"""Two arms of four and five joints on a waist, and a neck."""
+
+ROBOTS = {
+    "twins": TWINS,
+    "crane": CRANE,
+    "raft": RAFT,
+    "geared": GEARED,
+    "arm": ARM,
+    "kuka": KUKA,
+    "hinge": tw.robots.pendulum(),
+}
 
 
 def compact(value):
@@ -227,6 +250,16 @@ def headers(prefix="", suffix="", names=("zslide", "boom_joint", "spin", "a_tilt
 
 
 Q = headers()
+LEFT = [name for name in TWINS.joint_names if name.startswith("left")]
+RIGHT = [name for name in TWINS.joint_names if name.startswith("right")]
+
+
+def absent_from(cells, robot, given=None):
+    model = ROBOTS[robot].model
+    names = [body.joint.name for body in model.leaders]
+    return outcome(absent_joints, cells.split(","), Coordinates.from_model(model), names, given or {}, Path("run.csv"))
+
+
 RISING = [0.5, 0.75, 1.0, 1.25]
 
 
@@ -363,6 +396,12 @@ def columns_by_words_and_rules():
         "arm by ending": assigned("time,robot_J2,robot_J1,robot_J3,robot_J5,robot_J4,robot_J6,robot_thumb,robot_pinky", "arm"),
         "arm alone": assigned("time,J1,J2,J3,J4,J5,J6", "arm"),
         "arm alone by numbers": assigned("time,q1,q2,q3,q4,q5,q6", "arm"),
+        "one arm of two": assigned("time," + headers(names=LEFT), "twins"),
+        "one arm of two by numbers": assigned("time,q1,q2,q3,q4,q5", "twins"),
+        "both arms": assigned("time," + headers(names=LEFT + RIGHT), "twins"),
+        "both arms, one column unknown": assigned("time,moves," + headers(names=LEFT + RIGHT), "twins"),
+        "an arm and the neck": assigned("time,neck," + headers(names=RIGHT), "twins"),
+        "an arm without waist": [absent_from("time," + headers(names=RIGHT), "twins"), absent_from("time,q1,q2,q3,q4", "twins"), absent_from("time,q1,q2,q3,q4,q5,q6", "twins")],
         "numbers with units": assigned("time,q_0 [mm],q_1 [deg],q_2,q_3 [mrad],qd_0 [mm/s],qd_1,qd_2 [rpm],qd_3"),
         "one joint": assigned("time,pos,speed [deg/s],torque [mN m]", "hinge"),
         "one joint by number": assigned("time,q1", "hinge"),
