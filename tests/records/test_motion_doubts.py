@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,18 @@ import numpy as np
 import pytest
 from recorded_answers import Records
 from tests.records.test_core_values import limits_and_tables
-from tests.records.test_motion_columns import ARM, CRANE, GEARED, RAFT, compactly, joint, link, loaded, outcome
+from tests.records.test_motion_columns import (
+    ARM,
+    CRANE,
+    CRANE_TEXT,
+    GEARED,
+    RAFT,
+    compactly,
+    joint,
+    link,
+    loaded,
+    outcome,
+)
 
 import twistwrench as tw
 import twistwrench.motion
@@ -21,7 +33,7 @@ from twistwrench.motion.contradictions import Contradictions, angle_doubts, leng
 from twistwrench.motion.coordinates import Coordinates
 from twistwrench.motion.load_case import Payload
 from twistwrench.motion.log_checks.log_conventions import dataset_doubts, fanuc_doubts
-from twistwrench.motion.motion_log import MotionLog
+from twistwrench.motion.motion_log import LogRows, MotionLog
 from twistwrench.motion.plausibility import DoubtfulSpans, Instant, InstantKind, Origin, RecordedSteps
 from twistwrench.motion.readers.columnar_file import ArrayFile
 
@@ -77,6 +89,7 @@ def angles_that_may_have_another_unit():
         "degrees that fit": doubted([-90, -60, -100], [80, 50, 110]),
         "counts": doubted([-900, -6000, -100], [80, 50, 11000]),
         "one far of three": doubted([-1, -1, -1], [1, 40, 1]),
+        "one far of three in a plan": doubted([-1, -1, -1], [1, 40, 1], origin="plan"),
         "two far of three": doubted([-1, -40, -30], [1, 0.5, 1]),
         "far below many turns": doubted([0, 0, 0], [12.4, 12.5, 12.5]),
         "far above many turns": doubted([0, 0, 0], [12.4, 12.7, 12.7]),
@@ -223,6 +236,7 @@ def doubts_about_times_of_logs():
         "milliseconds, velocities in s": logged(1000 * T, S, D),
         "slow steps": [logged(step * np.arange(60), S) for step in (0.09, 0.11, 0.9)],
         "fast in milliseconds": logged(40 * T, 5 * S),
+        "slow, for its limits": [logged(step * np.arange(90), np.outer(0.2 * np.arange(90), [1e-3, 2e-3, 3e-3, -2e-3]) * step / 0.2, robot=r) for step, r in ((0.2, CRANE), (0.3, CRANE), (0.2, UNLIMITED))],
         "rows": logged(np.arange(60.0), S),
         "rows from 7": logged(np.arange(7.0, 67.0), slow),
         "rows from a half": logged(np.arange(60) + 0.5, slow),
@@ -322,6 +336,12 @@ def doubts_about_rates_of_logs():
             [0.6 * np.cos(3 * t), 1.0 * np.cos(2 * t + 0.3), 2.25 * np.cos(2.5 * t), 1.32 * np.sin(2.2 * t)], 1
         )
 
+    def path(t):
+        return np.stack(
+            [0.2 * np.sin(3 * t), -0.6 + 0.5 * np.sin(2 * t + 0.3), 0.9 * np.sin(2.5 * t), 0.3 - 0.6 * np.cos(2.2 * t)],
+            1,
+        )
+
     fine = np.arange(240) * 0.0125
     wave = np.stack(
         [
@@ -382,7 +402,10 @@ def doubts_about_rates_of_logs():
         "repeated often": logged(fine, wave[grid], tau=tau),
         "missing": logged(fine, pause),
         "shifted": logged(fine, shifted),
+        "shifted, then missing": logged(fine, path(np.where(rows < 80, fine, np.where(rows < 160, fine - 0.05, fine + 0.2)))),
+        "shifted twice": logged(fine, path(np.where(rows < 80, fine, np.where(rows < 160, fine - 0.05, fine - 0.11)))),
         "by turns": logged(fine, turns),
+        "dropouts of two runs": short(Contradictions(Coordinates.from_model(CRANE.model), runs=[LogRows(fine[k], wave[k].copy(), None, None, changed(changed(tau, slice(60, 90), 1, 3.25), slice(150, 190), 1, 3.25)[k]) for k in (slice(0, 120), slice(120, 240))])._torque_doubts()),
         "held": logged(fine, stuck),
         "spike": logged(fine, wave, tau=changed(tau, 50, 2, 30.0)),
         "spikes": logged(fine, wave, tau=changed(tau, [50, 80, 130], 2, 30.0)),
@@ -466,12 +489,33 @@ def origins_and_doubtful_spans():
         "levels": [(str(o), o.level) for o in Origin],
         "spans": {name: [bool(s), [i.begin for i in s.instants], s.reach, s.within(np.array([0.155, 0.165, 0.265, 0.275, 0.345, 0.355, 0.455, 0.465, 0.545, 0.555, 0.955, 0.965])), [short([s.doubt_at(times)]) for times in ([0.5], [0.2, 0.9], [0.7], [0.48, 0.9])] if s else ""] for name, s in spans.items()},
         "empty": DoubtfulSpans().within(np.array([0.1])),
-        "torques": [torque([1, 1, x, 0.5]) for x in (9.9, -10.1)] + [torque([11, 1, 12, 0.5]), torque([1, 12, 1, 0.5], origin=Origin.EITHER), torque([1, 12, 1, 0.5], origin=Origin.PLAN), torque([1, 12, 1, 0.5], time=0.5), torque([1, 1, 12, 13], GEARED)],
+        "torques": [torque([1, 1, x, 0.5]) for x in (9.9, -10.1)] + [torque([11, 1, 12, 0.5]), torque([1, 12, 1, 0.5], origin=Origin.EITHER), torque([1, 12, 1, 0.5], origin=Origin.PLAN), torque([1, 12, 1, 0.5], time=0.5), torque([1, 1, 12, 13], GEARED), torque([0.1, 0.1, 40, 40], ROUND)],
     }  # fmt: skip
 
 
 def with_limits(robot=CRANE, **values):
     return replace(robot.limits, **{name: np.array(value, float) for name, value in values.items()})
+
+
+def with_units(kind):
+    """Doubtful limits, of which one kind was given with its unit."""
+    from twistwrench.mechanics.model.limits import StatedLimits
+    from twistwrench.motion.limits_file import KINDS
+
+    limits = with_limits(
+        lower=[-0.75, -145, -np.inf, -100],
+        upper=[1.5, 70, np.inf, 165],
+        velocity=[0.8, 126, 177, 4.3],
+        effort=[9000.0, 1400, 450, 180],
+    )
+    with_unit = np.zeros((len(KINDS), 4), bool)
+    if kind:
+        with_unit[KINDS.index(kind)] = True
+    return StatedLimits(**{k: getattr(limits, k) for k in KINDS}, stated=np.zeros(4, bool), with_unit=with_unit)
+
+
+ROUND = loaded(re.sub('effort="[0-9.]*"', 'effort="60"', CRANE_TEXT))
+WEAK = loaded(CRANE_TEXT.replace('effort="140"', 'effort="9"'))
 
 
 @record
@@ -486,9 +530,12 @@ def limits_that_no_robot_has():
     return {
         "rounds": {str(x): credible_values.shared_round(np.array(x, float)) for x in ([10, 10, 10], [10, 10], [10, 10, 10.1], [7, 7, 7], [9, 9, 9, inf], [0.3, 0.3, 0.3, 0], [12, 12, 12], [9.99999999] * 3, [9.9] * 3, [inf] * 3)},
         "credible": [credible_values.credible_velocities(with_limits(velocity=v)) for v in ([1, 2, 3, 0], [10, 10, 10, 10], [5, -1, inf, 7])],
-        "efforts": [credible_values.credible_efforts(CRANE), credible_values.credible_efforts(ARM), weights],
+        "efforts": [credible_values.credible_efforts(CRANE), credible_values.credible_efforts(ARM), weights, credible_values.credible_efforts(ROUND), credible_values.credible_efforts(WEAK)],
+        "arms of others": [credible_values.placeholder_limits(r, with_limits(r, effort=[150.0, 150, 150, 28, 28, 28, 10, 10])) for r in (ARM.with_gravity([0, 0, -2.0]), ARM.with_gravity([0, 0, -0.2]), ARM.with_gravity([0, 0, 0]))],
+        "without gravity": short(credible_values.credible_limits(with_limits(effort=[1.0, 1, 1, 1]), CRANE.with_gravity([0, 0, 0]))),
         "own": doubted(),
         "degrees": doubted(lower=[-0.75, -145, -inf, -100], upper=[1.5, 70, inf, 165]),
+        "degrees with a unit": [short(credible_values.credible_limits(with_units(kind), CRANE)) for kind in ("", "lower", "upper", "velocity", "effort")],
         "degrees, quarter turns": doubted(lower=[-0.75, -90, -inf, -90], upper=[1.5, 90, inf, 90]),
         "degrees, equal": doubted(lower=[-0.75, -100, -inf, -100], upper=[1.5, 100, inf, 100]),
         "degrees, not whole": doubted(lower=[-0.75, -145.5, -inf, -100], upper=[1.5, 70, inf, 165]),
@@ -575,6 +622,7 @@ def doubts_about_models():
         "warnings": [model_doubts.model_warnings(floating.model), model_doubts.model_warnings(floating.model, peaks(0.5 * weight)), model_doubts.model_warnings(CRANE.model, [Peak(1, 0, "N")] * 4)],
         "assumptions": [model_doubts.assumptions(m, p, friction=f, unjudged=u, mass=s) for m, p, f, u, s in ((floating.model, loads, True, None, None), (floating.model, loads, False, jerk, "5 to 6"), (CRANE.model, [Payload(3.0)], False, CRANE.limits, None), (CRANE.lock({"spin": 0.1, "a_tilt": 0.2}).model, [], True, None, None), (ARM.model, [], False, ARM.limits, None))],
         "assumed": [model_doubts.assumed_words(c) for c in ([], ["one"], ["one", "two", "three"])],
+        "massless": model_doubts.model_warnings(loaded('<robot name="m"><link name="a"/>' + "".join(f'<link name="m{k}"/>' + joint(f"j{k}", "continuous", "a", f"m{k}", "0 0 1", "0 1 0") for k in range(6)) + "</robot>", inertia="accept").model),
         "friction": [model_doubts.friction_words(m, counted=c) for m in (CRANE.model, ARM.model) for c in (True, False)],
         "legged": [model_doubts.base_doubts(CRANE.model), model_doubts.hanging_excess("x 5"), model_doubts.open_loop_excess("x 6")],
         "loops": [[model_doubts.open_loop_joints(m.model), model_doubts.model_warnings(m.model)] for m in (CRANE, LOOPED)],
@@ -626,6 +674,7 @@ def conventions_of_programs():
         "fanuc": [fanuc(ARM), fanuc(ARM, header[:6]), fanuc(CRANE)] + [bool(fanuc(tw.load(text))) for text in renamed("fanuc", "m_10i", "LR Mate 200", "r2000", "am10")],
         "units": [dataset(u) for u in ("", "degrees", "radians", "range", "unknown")],
         "stated": [dataset("unknown", degrees=True), dataset("unknown", factor=9.0), dataset("radians", factor=9.0)],
+        "in its header": dataset("unknown", ("zslide", "boom_joint [deg]", "spin [rad]", "a_tilt [deg]")),
         "motors": [dataset("unknown", named, columns=so), dataset("unknown", named, columns=so, degrees=True), dataset("degrees", named, columns=so)],
         "none": dataset_doubts(ArrayFile.from_table(Path("f.csv"), header, table, 9), MotionLog.open(ArrayFile.from_table(Path("f.csv"), header, table, 9), ARM.model).columns, Coordinates.from_model(ARM.model), degrees=False),
     }  # fmt: skip
@@ -660,7 +709,7 @@ def doubts_about_arrays():
         rates = made(T, S, dq=2 * D)
     return {
         "milliseconds": slow, "rates": rates, "in seconds": made(t20, 0.1 * S[:20], in_seconds=True), "clean": made(T, S, dq=D, ddq=A, tau=TAU),
-        "glitch": made(T, changed(S, 30, 2, S[30, 2] + 0.2)), "fast step": made(T, changed(S, slice(30, 60), 2, S[30:, 2] + 0.9), tau=TAU), "fast step of a plan": made(T, changed(S, slice(30, 60), 2, S[30:, 2] + 0.9), plan=True), "degrees": made(T, np.c_[S[:, 0], np.degrees(S[:, 1:])]),
+        "glitch": made(T, changed(S, 30, 2, S[30, 2] + 0.2)), "fast step": made(T, changed(S, slice(30, 60), 2, S[30:, 2] + 0.9), tau=TAU), "late stamp": made(changed(T[:, None], 30, 0, T[30] + 0.03)[:, 0], S), "fast step of a plan": made(T, changed(S, slice(30, 60), 2, S[30:, 2] + 0.9), plan=True), "degrees": made(T, np.c_[S[:, 0], np.degrees(S[:, 1:])]),
     }  # fmt: skip
 
 

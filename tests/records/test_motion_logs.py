@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import gzip
 import json
+import os
+import re
 import sqlite3
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +27,9 @@ from ros_logs import (
     stamp,
     typestore,
     write_database,
+    write_folder,
     write_messages,
+    write_ros1,
 )
 from ros_logs import header as ros_header
 from tests.records.test_motion_columns import CRANE, GEARED, RAFT, compactly, outcome
@@ -35,7 +40,7 @@ from twistwrench.motion.log_checks.time_stamps import DuplicateTimestamps, stead
 from twistwrench.motion.log_table import check_ratio, excerpts, spread_rows, windows
 from twistwrench.motion.motion_file import JoinedFile, joints_without_column, moves_motors, open_motion_file
 from twistwrench.motion.motion_log import MotionLog
-from twistwrench.motion.readers import child_readers, csv_reader, format_of, recording_bounds
+from twistwrench.motion.readers import child_readers, csv_reader, file_ends, format_of, recording_bounds
 from twistwrench.motion.readers.array_files import array_file
 from twistwrench.motion.readers.columnar_file import ArrayFile
 from twistwrench.motion.readers.csv_reader import CsvFile, Dialect, is_number, parse_block
@@ -80,6 +85,8 @@ TEXTS = {
     "decimal commas": "t,a\n0,5,1,25\n",
     "comma in a cell": 't,a\n0.5,"1,25"\n',
     "too many": "t,a\n0.5,1,2\n",
+    "some too many": "t,a,b\n0.5,1,2,3\n",
+    "long and faulty": "t,a\n0.5,1," + "7" * 90 + "\n",
     "too few": "t,a,b\n0.5,1,2\n0.6,1\n",
     "semicolons below": "t,a,b\n0.5;1;2\n",
     "open quote": 't,a\n0.5,"1\n',
@@ -350,6 +357,17 @@ def pair(folder, one, other, names="one.csv+two.csv"):
     return outcome(read)
 
 
+def pair_sum():
+    Path("sum.csv").write_text("time,J2 [deg],J3 [deg]\n0,10,20\n1,11,25\n")
+    return summary(motion_file.with_sums(open_motion_file("sum.csv"), {"a": "J3-J2"}))
+
+
+def arrays_in_a_folder():
+    np.savez("opened.npz", t=T4, q=Q42)
+    opened = open_motion_file("opened.npz")
+    return [opened.header, motion_file.text_columns(opened), outcome(open_motion_file, "opened.npz", episode=3)]
+
+
 @record
 def files_joined_by_columns(folder):
     a = "time,x,y\n0,1,10\n0.5,2,20\n1,3,40\n1.5,5,50\n"
@@ -361,6 +379,9 @@ def files_joined_by_columns(folder):
             "apart": pair(folder, a, "time,z\n2,7\n3,8\n"),
             "without time": pair(folder, "x,y\n1,2\n3,4\n", "z\n5\n6\n"),
             "without time, unequal": pair(folder, "x,y\n1,2\n3,4\n", "z\n5\n"),
+            "words in unused columns": [motion_file.text_columns(open_motion_file("one.csv+two.csv")) for _ in [pair(folder, "time,x,s\n0,1,RUN\n1,2,RUN\n", "time,u,y\n0,a,1\n1,b,2\n")]],
+            "sums of a text": pair_sum(),
+            "arrays": arrays_in_a_folder(),
             "time in one": pair(folder, a, "z\n5\n6\n7\n8\n"),
             "the same columns": pair(folder, a, a),
             "quantities in names": pair(folder, a, a.replace("0,1,10", "0,1.5,10.5"), "pos_data.csv+curr_data.csv"),
@@ -422,7 +443,7 @@ def rows_of_one_time():
     paused = np.r_[grid, grid + 1.0]
     return {
         "merged": outcome(merged, base), "half a turn exceeded": outcome(merged, base, 2.9), "none": outcome(merged, base[[0, 1, 3]]), "repeated only": outcome(merged, base[:4]),
-        "steady": [None if (t := steady_times(stamps)) is None else t for stamps in (grid, grid[:21], grid[:20], paused, np.r_[grid, grid[:15] + 1], grid[::-1], np.arange(60) * 0.01, np.r_[np.arange(55) * 0.01, [0.54]], grid + 0.003 * (np.arange(60) % 7 == 0), np.zeros(30), np.floor(np.arange(60) ** 1.1 * 0.3) * 0.01, 1.7e9 + grid)],
+        "steady": [None if (t := steady_times(stamps)) is None else t for stamps in (grid, grid[:21], grid[:20], paused, np.r_[grid, grid[:15] + 1], grid[::-1], np.arange(60) * 0.01, np.r_[np.arange(55) * 0.01, [0.54]], grid + 0.003 * (np.arange(60) % 7 == 0), np.zeros(30), np.repeat(np.sqrt(np.arange(30.0)), 2), np.floor(np.arange(60) ** 1.1 * 0.3) * 0.01, 1.7e9 + grid)],
         "slices": [list(map(str, spread_rows(*c))) for c in ((100, 3, 10), (30, 3, 10), (29, 3, 10), (31, 3, 10), (31, 1, 10), (5, 0, 4))],
         "excerpts": excerpts(np.arange(24.0).reshape(12, 2), 2, 3),
         "windows": [[(w.start, w.stop, c.start, c.stop) for w, c in windows(*c)] for c in ((20, 6, 2), (19, 6, 2), (20, 6, 0), (5, 9, 3), (0, 3, 1))],
@@ -492,6 +513,7 @@ def motions_from_text_files(folder):
             "five rows": read_motion(f"time,{NAMES}\n" + rows_of(T[:5], *[c[:5] for c in CURVES])),
             "six rows": read_motion(f"time,{NAMES}\n" + rows_of(T[:6], *[c[:6] for c in CURVES])),
             "bad rate": [read_motion(plain, rate=r) for r in (0.0, -1.0, float("nan"))],
+            "in the order of the caller": read_motion("time,c1,c2,c3,c4\n" + rows_of(T, CURVES[0], CURVES[1], CURVES[2] + 0.3 * (T[7] == T), CURVES[3]), columns={f"#{k}": f"c{k}" for k in (1, 2, 3, 4)}),
             "motors": read_motion(f"time,{NAMES},zslide.tau,boom_joint.tau,m_left.tau,m_right.tau\n" + rows_of(T, *CURVES, *CURVES), GEARED),
             "zero quaternion": read_motion("time,sway.x,sway.y,sway.theta,mast_joint,free.qw,free.qx,free.qy,free.qz,free.x,free.y,free.z\n" + rows_of(T, *[CURVES[k % 4] for k in range(4)], *[(T != 0.25) * (0.5 + T)] * 4, *CURVES[:3]), RAFT),
             "raft": read_motion("time,sway.x,sway.y,sway.theta [deg],mast_joint,free.qw,free.qx,free.qy,free.qz,free.x [mm],free.y,free.z\n" + rows_of(T, *[CURVES[k % 4] for k in range(4)], np.cos(T), 0.6 * np.sin(T), 0 * T, -0.8 * np.sin(T), *CURVES[:3]), RAFT),
@@ -701,6 +723,7 @@ def rows_in_small_blocks(folder):
         for name, rows, block, memory in (
             ("one", log_table.ROWS, csv_reader._BLOCK_SIZE, log_table.MAX_TABLE_IN_MEMORY),
             ("many", 13, 64, 256),
+            ("other", 41, 1000, 99999),
         ):
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(log_table, "ROWS", rows)
@@ -795,6 +818,160 @@ def bounds_on_recordings(folder):
         found["folder"] = outcome(recording_bounds.check_folder, Path("folder"))
         found["sizes"] = [child_readers._limits(Path(p)).output for p in ("folder", "none")]
     return found
+
+
+@record
+def archives_of_simulations(folder):
+    said = {"coordinate_names": ["a", "b.x"], "velocity_names": ["a", "b.w"]}
+    arrays = {"times": T4, "q": Q42, "dq": 2 * Q42, "ddq": 3 * Q42, "tau": 4 * Q42, "said": json.dumps(said)}
+    with contextlib.chdir(folder):
+        np.savez("sim.npz", format="twistwrench simulation 1", **arrays)
+        np.savez("big.npz", format=np.array("twistwrench simulation 1").astype(">U24"), **arrays)
+        np.savez("other.npz", format="another", **arrays)
+        np.savez("numbers.npz", format=np.arange(3.0), t=T4, x=T4 * 2)
+        np.savez("lacks.npz", format="twistwrench simulation 1", times=T4)
+        for name in ("sim", "other"):
+            Path(f"{name}.dat").write_bytes(Path(f"{name}.npz").read_bytes())
+        with Path("second.npy").open("wb") as file:
+            np.lib.format.write_array(file, Q42, version=(2, 0))
+        found = {
+            name: read_arrays(name)
+            for name in ("sim.npz", "big.npz", "other.npz", "numbers.npz", "sim.dat", "other.dat", "second.npy")
+        }
+        found["lacks"] = read_arrays("lacks.npz").partition(":")[0]
+        found["plan"] = open_motion_file("sim.npz").plan
+        return found
+
+
+@record
+def damaged_files_of_matlab(folder):
+    from scipy.io import savemat
+
+    found = {}
+    with contextlib.chdir(folder):
+        for version in ("5", "4"):
+            savemat("a.mat", {"t": T4, "q": Q42}, format=version)
+            data = Path("a.mat").read_bytes()
+            for offset in range(128 if version == "5" else 0, 208 if version == "5" else 60, 4):
+                Path("b.mat").write_bytes(data[:offset] + b"\x07\0\0\0" + data[offset + 4 :])
+                result = read_arrays("b.mat")
+                found[f"{version} {offset}"] = (
+                    result.partition("mat: ")[2].partition(". The file")[0] or result[:60]
+                    if isinstance(result, str)
+                    else [result["header"], result["table"]]
+                )
+        savemat("p.mat", {"t": T4, "q": Q42}, do_compression=True)
+        data = Path("p.mat").read_bytes()
+        Path("p.mat").write_bytes(data[:-6])
+        found["packed"] = re.sub(r"\d+", "#", read_arrays("p.mat"))
+    return found
+
+
+@record
+def tables_of_arrow_in_portions(folder):
+    import pyarrow as pa
+    from pyarrow import feather
+
+    table = pa.table(
+        {
+            "t": T4,
+            "lists": [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], None],
+            "words": [["a"], ["b"], ["c"], ["d"]],
+            "empty": [[], [1.0], [2.0], [3.0]],
+            "short": [[1.0], [2.0, 3.0], [4.0], [5.0]],
+            "whole": [[1, 2], [3, 4], [5, 6], [7, 8]],
+        }
+    )
+    with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
+        feather.write_feather(table, "a.feather", chunksize=1)
+        feather.write_feather(table.slice(0, 0), "none.feather")
+        found = {"whole": read_arrays("a.feather"), "none": read_arrays("none.feather")}
+        patch.setattr(log_table, "ROWS", 3)
+        found["portions"] = read_arrays("a.feather")
+        missing = pa.table({"timestamp": T4, "episode_index": [0.0, None, 1.0, 1.0]})
+        feather.write_feather(missing, "m.feather")
+        found["missing episode"] = read_arrays("m.feather")
+        feather.write_feather(pa.table({"timestamp": T4, "episode_index": [2, 2, 2, 2]}), "one.feather")
+        found["one episode"] = read_arrays("one.feather")
+    return found
+
+
+@record
+def readers_chosen_by_the_sandbox(folder):
+    given = []
+    with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
+        for name in ("array_file", "array_file_in_child", "ros_file_in_child"):
+            patch.setattr(
+                child_readers,
+                name,
+                lambda *p, name=name: given.append([name, *[str(getattr(x, "path", x)) for x in p]]),
+            )
+        from twistwrench.motion.readers import ros_recordings
+
+        patch.setattr(ros_recordings, "ros_file", lambda *p: given.append(["ros_file", *map(str, p)]))
+        for value in (True, False):
+            patch.setattr(child_readers, "sandboxed", lambda value=value: value)
+            for name, start in (
+                ("a.npz", b""),
+                ("a.parquet", b""),
+                ("a.H5", b""),
+                ("a.mat", b"MATLAB 5.0"),
+                ("b.mat", b"\x89HDF"),
+                ("c.mat", b"MATLAB 7.3"),
+            ):
+                child_readers.arrays_file(FileEnds(Path(name), start), 4)
+            child_readers.recording_file(FileEnds(Path("a.mcap")), "t", "c")
+    return given
+
+
+@record
+def texts_between_their_ends(folder):
+    text = "t,a\n" + "".join(f"{k},{k * k}\n" for k in range(40))
+    with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(file_ends, "_START_SIZE", 32)
+        patch.setattr(file_ends, "_END_SIZE", 24)
+        Path("a.csv").write_text(text)
+        ends = FileEnds.from_path(Path("a.csv"))
+        with ends.open() as stream:
+            whole = stream.read().decode() == text
+            stream.seek(-9, os.SEEK_END)
+            end = stream.read().decode()
+            stream.seek(20)
+            stream.seek(5, os.SEEK_CUR)
+            middle = stream.read(30).decode()
+        os.mkfifo("pipe")
+        writer = threading.Thread(target=lambda: Path("pipe").write_bytes(gzip.compress(b"t,a\n0.5,1\n", mtime=0)))
+        writer.start()
+        piped = read_text("pipe")
+        writer.join()
+        return {
+            "ends": [ends.start.decode(), ends.end.decode(), ends.size],
+            "whole": whole,
+            "parts": [end, middle],
+            "after": [ends.after(0).decode()[:4], ends.after(ends.size - 5).decode()],
+            "read": read_text("a.csv"),
+            "pipe": piped,
+            "none": vars(FileEnds.from_path(Path("no"))) | {"path": "", "start": "", "end": ""},
+        }
+
+
+@record
+def bags_of_ros(folder):
+    states = [joint_state(t, NAMES2, q, [], tau) for t, q, tau in zip(TIME6, Q6, DDQ6, strict=True)]
+    bare = [joint_state(t, NAMES2, []) for t in TIME6]
+    kind = "sensor_msgs/msg/JointState"
+    with contextlib.chdir(folder):
+        write_folder(Path("bag"), {"/j": (kind, states), "/n": (kind, bare[:2])}, typestore())
+        write_ros1(Path("one.bag"), kind, states, topic="/j")
+        write_database(Path("d.db3"), {"/j": (kind, states)}, typestore())
+        write_messages("bare.mcap", {"/n": (kind, JOINT_STATE, bare)})
+        return {
+            "folder": read_recording("bag"),
+            "first": read_recording("one.bag"),
+            "own definitions": read_recording("d.db3"),
+            "bare": read_recording("bare.mcap"),
+            "formats": [format_of(Path("bag")) is not None, format_of(Path("bag/x")) is None],
+        }
 
 
 @pytest.mark.parametrize("name", records.names)

@@ -65,6 +65,8 @@ RAFT_Q = np.c_[
     0.1 * np.cos(T),
 ]
 
+PENDULUM = tw.robots.pendulum()
+
 
 def crane_motion(**more):
     arrays = {"dq": DQ, "ddq": DDQ, "tau": TAU, "command": COMMAND} | more
@@ -137,6 +139,7 @@ def motions_as_tables(folder):
         "raft": {k: v[5] for k, v in raft.columns(degrees=True).items()}, "columns": list(m.columns(degrees=True)),
         "pandas": [list(frame.columns), frame.index.name, frame.shape, frame.iloc[3].to_numpy()],
         "xarray": [dict(data.sizes), {n: (v.dims, v.attrs["units"], v.to_numpy()[4]) for n, v in data.variables.items() if n not in ("coordinate", "joint", "time")}, data.attrs, data.time.attrs, list(data.joint.to_numpy())],
+        "one axis": [labelled_dataset(PENDULUM.model, T, {"q": Q[None, :, :1], "dq": DQ[None, :, :1]}).q.dims, labelled_dataset(PENDULUM.model, T, {"q": Q[None, :, :1]}).q.attrs],
         "padded": [dict(lazy.sizes), lazy.tau.to_numpy()[0, 0, -2:, :2], lazy.tau.attrs, lazy.q.attrs, lazy.tau.dims],
     }  # fmt: skip
 
@@ -160,6 +163,7 @@ def motions_of_data_frames():
     return {
         "index": read(frame.set_index(T)), "named index": read(frame.set_index(pd.Index(T, name="time"))), "odd index": read(frame.set_index(pd.Index(T, name="odd"))), "row numbers": read(frame), "rate": read(frame, rate=20.0), "dates": read(frame.set_index(days)), "durations": read(frame.set_index(days - days[0])),
         "column": read(frame.assign(time=T)), "column and index": read(frame.assign(time=T).set_index(pd.Index(2 * T, name="t"))), "dates in a column": read(frame.assign(stamp=days)), "words": read(frame.assign(time=T, state="RUN", more="x")), "options": read(pd.DataFrame({"time": T, "a": Q[:, 0], "boom_joint": Q[:, 1], "spin": Q[:, 2], "a_tilt": Q[:, 3], "current": T}), columns={"zslide": "a", "spin.current": "current", "zslide.tau": "a", "boom_joint.tau": "a", "a_tilt.tau": "a"}, degrees=True, gain={"spin": 3.0}),
+        "words in the index": read(frame.set_index(pd.Index([f"r{k}" for k in range(14)]))),
         "not finite": read(frame.assign(time=T, spin=np.where(T > 0.3, np.nan, T))), "no frame": read(Q), "class": read(pd.DataFrame), "integers": data_frame_file(frame.set_index(np.arange(14) * 3))[0].header, "time twice": data_frame_file(frame.assign(time=T).set_index(pd.Index(T, name="time")))[0].header,
     }  # fmt: skip
 
@@ -414,7 +418,7 @@ def doubts_about_load_cases():
         "loads": [case(Payload(2.0, (0, 0, 9.0))), case(Payload(132.0)), case(Payload(3000.0, frame="jib")), case(Payload(14000.0)), case(Payload(2.0, frame="nobody")), case(Payload(2.0), robot=ARM), case(Payload(2.0, frame="l7"), robot=ARM)],
         "wrenches": [case(wrenches={"tool0": [1, 2, 3]}), case(wrenches={"nobody": [1] * 6}), case(wrenches={"tool0": [1, 2, 3, np.nan, 5, 6]})],
         "grams": [load_case._hint_at_grams(*c) for c in ((9.9, 0.5), (10.0, 0.5), (99.0, 10.0), (101.0, 10.0), (10000.0, 10.0), (10001.0, 10.0), (500.0, 0.0))],
-        "reach": [load_case.reach(r.model) for r in (CRANE, RAFT, ARM, tw.robots.planar_2r())], "least": [load_case.least_torque_per_kilogram(r.model) for r in (CRANE, RAFT, CRANE.with_gravity([0, 0, 0]))],
+        "reach": [load_case.reach(r.model) for r in (CRANE, RAFT, ARM, tw.robots.planar_2r())], "endless": [load_case.reach(ENDLESS.model), load_case.least_torque_per_kilogram(ENDLESS.model)], "least": [load_case.least_torque_per_kilogram(r.model) for r in (CRANE, RAFT, CRANE.with_gravity([0, 0, 0]))],
         "parsed": [outcome(parse_payload, t, tip) for t, tip in (("5", None), ("2.5,0,-0.1,0.08@tool0", None), ("2 kg", "x"), ("2.kg,1,2,3@ jib ", "x"), ("2,1", None), ("-1", None), ("2@", None), ("2@ ", None), ("x", None), ("kg", None), ("inf", None))],
         "given": [outcome(payloads_of, g, t) for g, t in ((5, None), (0, "a"), (-1, None), (math.inf, None), ([5, "2@jib", {"tool0": [1.5, "3,0,0,1"]}], "a"), (Payload(1.0), "a"), (SpatialInertia.from_com(0.6, [0.01, 0.04, -0.02]), "a"), ({}, None), (None, None))],
         "texts of wrenches": [outcome(parse_wrenches, t) for t in (["tool0:1,2,3,4,5,6", " tool0 :0.5,0,0,0,0,-20", "a:b:1,1,1,1,1,1"], [":1,2,3,4,5,6"], ["1,2,3,4,5,6"], ["tool0:1,2"])],
@@ -444,13 +448,21 @@ def missing_limits_in_words():
     }  # fmt: skip
 
 
+LOSSY = CRANE.with_actuators({"actuators": {"a_tilt": {"ratio": 50, "friction": {"load": 0.05, "coulomb": "0.2 N m"}}}})
+ENDLESS = loaded(
+    CRANE_TEXT.replace('lower="-0.75" upper="1.5" ', "").replace(
+        'type="prismatic"><parent link="ground"', 'type="prismatic"><parent link="ground"'
+    )
+)
+
+
 @record
 def payload_margins():
     s = states_of()
     found = {}
     effort = np.array([900.0, 140.0, 45.0, 18.0])
     for name, (robot, loads, friction, limit) in {
-        "one": (CRANE, LOADS[:1], True, effort), "on the jib": (CRANE, LOADS[1:2], False, effort), "two": (CRANE, LOADS[:2], True, effort), "no load": (CRANE, (), True, effort), "weightless": (CRANE, (Payload(0.0),), True, effort), "over": (CRANE, LOADS[:1], True, effort / 40), "unlimited": (CRANE, LOADS[:1], True, np.where(effort > 100, effort, np.inf)), "geared": (GEARED, LOADS[:1], True, np.array([900.0, 140, 20, 12])), "tight": (CRANE, LOADS[:1], False, np.array([900.0, 140, 8, 6])),
+        "one": (CRANE, LOADS[:1], True, effort), "on the jib": (CRANE, LOADS[1:2], False, effort), "two": (CRANE, LOADS[:2], True, effort), "no load": (CRANE, (), True, effort), "weightless": (CRANE, (Payload(0.0),), True, effort), "over": (CRANE, LOADS[:1], True, effort / 40), "unlimited": (CRANE, LOADS[:1], True, np.where(effort > 100, effort, np.inf)), "lossy": (LOSSY, LOADS[:1], True, effort), "lossy without friction": (LOSSY, LOADS[:1], False, effort), "geared": (GEARED, LOADS[:1], True, np.array([900.0, 140, 20, 12])), "tight": (CRANE, LOADS[:1], False, np.array([900.0, 140, 8, 6])),
     }.items():  # fmt: skip
         case = LoadCase(robot, loads, friction=friction)
         if not load_case.margin_determined(case):
