@@ -65,6 +65,11 @@ def torques(**options):
     )  # fmt: skip
 
 
+def shares_table():
+    """Bars without a form for narrow terminals, and lines with numbers."""
+    return Table("Shares", Column("share", [0.5, 0.9, 1.2], lambda x: Bar(x, "" if x > 1 else f" {x} ")), Column("peak", ["a", "b", "c"], lambda v: Line(v, value=len(v) + 0.5)), Column("gap", [None, "–", "x"]), blocks.words("word", ["–", "", "y"]), Column("none", ["", "", ""]))  # fmt: skip
+
+
 def tree():
     root = Branch(Line("root ", ("link", strong(Style.POINTED))))
     first = root.add(Line(("first", Style.GOOD)))
@@ -213,8 +218,33 @@ def data_of_answers(folder):
     return {
         "dict": {k: v for k, v in found.items() if k != "version"}, "json": [str(written), again == sample.to_json(), json.loads(again)["verdict"], again[:40]], "refused": refused, "shown": [repr(sample), repr(other), truth], "headlines": [sample.headline, other.headline, Sample(Verdict(Word.OK), []).headline], "titles": list(tables),
         "table": [first.rows()[1], first.to_dict()["joint"][:2], first.to_pandas().attrs, first.to_pandas().shape], "other": {k: v for k, v in other.to_dict().items() if k in ("verdict", "sentences", "reasons", "ok", "exit_code", "remedies", "schema")}, "defaults": [list(answer.Answer.facts(sample)), list(answer.Answer.origin(sample)), answer.Answer.shares(sample), answer.Answer.sources(sample)],
+        "bars": data.table_data(shares_table()), "bars on a page": page.table_html(shares_table()), "surfaces": surfaces(),
         "print": printed_answer(sample)[:3], "text": str(other).splitlines(),
     }  # fmt: skip
+
+
+class Plain(answer.Answer):
+    verdict = Verdict(Word.OK)
+
+    def blocks(self):
+        return ["x"]
+
+
+def surfaces():
+    """Calls of the rooms above, and what an answer has without a robot."""
+    given = []
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("pictures_of", "viewer_of", "plot"):
+            patch.setattr(
+                f"twistwrench.viz.answers.{name}",
+                lambda *p, name=name: given.append([name, *[x for x in p if not isinstance(x, Plain)]]),
+            )
+        plain = Plain()
+        plain.pictures()
+        plain.viewer()
+        plain.plot()
+        plain.plot("causes", "a.svg")
+    return [given, plain.subject, plain.brief, plain.robot_name, repr(plain), plain.to_dict()["call"]]
 
 
 def printed_answer(sample):

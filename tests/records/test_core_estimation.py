@@ -110,10 +110,21 @@ def covariances_of_groups_of_parameters():
     one = covariance.group_covariance(
         lone, lone @ x + e, x, np.array([0.1, 0.2]), weights, prior, t, log, (q, dq), chosen[..., :0]
     )
+    wide = Prior(np.zeros(3), np.array([10.0, 20.0, 1e7]))
+    alone = covariance.group_covariance(
+        lone, lone @ x + e, x, np.array([0.1, 0.2]), weights, wide, t, log, (q, dq), chosen[..., :0]
+    )
+    single = covariance.group_covariance(
+        W[:1], tau[:1], x, np.array([0.1, 0.2]), weights[:1], prior, t[:1], log[:1], (q[:1], dq[:1]), chosen[:1, :, :0]
+    )
+    lone[90:, :, 2] = W[90:, :, 2]
+    halved = covariance.group_covariance(
+        lone, lone @ x + e, x, np.array([0.1, 0.2]), weights, wide, t, log, (q, dq), chosen[..., :0]
+    )
     cells = StateCells.from_residuals(q, dq, e)
     changes = np.array([[0.1, -0.2, 0.3], [0.05, 0.0, 0.0]])
     return compact({
-        "all": found, "few": few, "one row": one, "cells": [cells, cells.count, cells.numbers(q, dq)[::9]], "widened": [found.widened(changes).matrix, found.widened(changes).changes], "first": found.of_first(2), "deviations": [found.deviations, found.half_width(), found.half_width(0.5)],
+        "alone": alone, "single": single, "halved": halved, "all": found, "few": few, "one row": one, "cells": [cells, cells.count, cells.numbers(q, dq)[::9]], "widened": [found.widened(changes).matrix, found.widened(changes).changes], "first": found.of_first(2), "deviations": [found.deviations, found.half_width(), found.half_width(0.5)],
         "one of three": StateCells.from_residuals(q, dq[:, :1], np.sign(dq[:, :1])), "negative": GroupCovariance(-np.eye(1), np.array([0.5]), np.ones(1), 1.0).half_width(),
         "lengths": [covariance.autocorrelation_length(correlated(200, 2, s)) for s in (0.0, 0.5, 0.95)], "correlations": covariance.autocorrelation(correlated(50, 1, 0.5)[:, 0], 4),
     })  # fmt: skip
@@ -227,6 +238,9 @@ def sampling_of_logs():
     one = X[:, :3].copy()
     one[200, 1] += 0.3
     one[120:, 0] += 0.2
+    twice = X[:, :3].copy()
+    twice[200] += 0.3
+    twice[120:123] += [[0.2], [0.5], [0.1]]
     single = X[:, :1].copy()
     single[120:] += 0.2
     pause = np.where(T > 2.0, T + 0.5, T)
@@ -245,7 +259,7 @@ def sampling_of_logs():
     return compact({
         "pauses": [sampling.pauses(t, m) for t, m in ((pause, 0.0), (pause, 0.6), (T[:1], 0.0), (np.r_[0, 1, 2, 6.9, 7.9, 13.1], 0.0))], "new": [None if (r := sampling.new_rows(x)) is None else np.flatnonzero(r)[:4] for x in (held, irregular, straight, encoder, X, held[:59], X[np.arange(400) // 2 * 2], X[:, 3:])],
         "moves": sampling.moves(np.c_[X, X[:, 0] + 0.3 * numbers(400), 1e-3 * numbers(400)]), "two rows": sampling.moves(X[:2]),
-        "gaps": [sampling.gaps(T[: len(q)], q) for q in (late, early, stuck, one, single, X, X[:9], X[:, 3:])] + [sampling.gaps(pause, late)], "held": sampling.held_rows(T, sampling.gaps(T, stuck)).nonzero(),
+        "gaps": [sampling.gaps(T[: len(q)], q) for q in (late, early, stuck, one, single, X, X[:9], X[:, 3:], twice)] + [sampling.gaps(pause, late)], "held": sampling.held_rows(T, sampling.gaps(T, stuck)).nonzero(),
         "by turns": [sampling.late_by_turns(g, 0.5, 4.0) for g in (gap, gap[:1], [*gap, Gap(3.5, np.nan)], [*gap, Gap(3.3, np.nan), Gap(3.5, 0.2)], [gap[0], gap[2], gap[1]], gap[1:])], "spikes": np.argwhere(sampling.spikes(spiky)), "still": sampling.spikes(np.ones((5, 2))).sum(),
         "dropouts": [[(int(r[0]), int(r[1])) for r in np.argwhere(np.diff(m.astype(int), axis=0))] for m in (sampling.dropouts(T, x, X[:, :3]) for x in (constant, unpowered, tau, np.repeat(tau[::3], 3, axis=0)[:400]))], "unmoved": sampling.dropouts(T, constant, np.c_[X[:, :1] * 0, X[:, :2]]).sum(axis=0),
         "cut": [sampling.cut_off(x) for x in (cut, -cut, tau[:, 0], np.clip(tau[:, 1], -9, 0.999), np.zeros(50), np.clip(tau[:, 0], -9, 0.0), np.r_[np.ones(29), np.arange(9) / 10], np.r_[np.ones(31), np.arange(9) / 10])],
@@ -303,7 +317,7 @@ def noise_of_columns():
         "quanta": [noise.quantum([x]) for x in (grid[:, 0], encoder[:, 0], smooth[:, 0], np.ones(50), np.repeat(np.arange(40.0) % 7, 3), np.round(noisy[:, 0], 3)[:40])], "decimals": [noise._decimal_grid(np.array(x), max(map(abs, x))) for x in ([1.0, 2.5], [1.25, 3.0], [1 / 3, 0.5], [10.0, 20.0], [0.001, 1000.0])],
         "steps": [noise._common_step(np.array(x)) for x in ([0.1] * 20 + [0.2] * 20, [0.1] * 10 + [0.2] * 10, [0.1] * 20 + [0.2] * 20 + [0.25], [0.1, 0.101] * 20, [0.1] * 40 + [3.0])], "noise": [noise.noise([t], [noisy], 0.0), noise.noise([t[:3]], [noisy[:3]]), noise.noise([uneven[:40]], [noisy[:40]])],
         "deviation": [noise.deviation(np.r_[numbers(60, 2), [[9.0, 0.0]] * k], np.array([0.0, 1.0])) for k in (1, 7, 8, 30)] + [noise.deviation(np.r_[numbers(60, 2), [[9.0, 0.0]]], np.array([10.0, 0.0]))], "differences": [noise.differences(u, noisy[:9], o) for u, o in ((t[:9], 3), (uneven[:9], 5))],
-        "errors": [errors, gridded, errors.scaled(np.array([2.0, 3.0, 4.0])), errors.at_rest, gridded.at_rest, errors.deviation(np.array([[1.0, 2.0, 3.0], [0.0, -5.0, 0.5]]))], "drawn": drawn, "drawn on a grid": gridded.drawn(np.random.default_rng(4), smooth[:3], smooth[:3], 2), "short": noise.sample_errors([t[:30]], [noisy[:30]], noise.survey([t[:30]], [noisy[:30]])),
+        "errors": [errors, gridded, errors.scaled(np.array([2.0, 3.0, 4.0])), errors.at_rest, gridded.at_rest, errors.deviation(np.array([[1.0, 2.0, 3.0], [0.0, -5.0, 0.5]]))], "drawn": drawn, "drawn on a grid": gridded.drawn(np.random.default_rng(4), smooth[:3], smooth[:3], 2), "at rest": noise.sample_errors([t], [np.tile([0.3], (n, 1)) + 1e-3 * numbers(n, 1)], noise.survey([t], [np.tile([0.3], (n, 1)) + 1e-3 * numbers(n, 1)])), "short": noise.sample_errors([t[:30]], [noisy[:30]], noise.survey([t[:30]], [noisy[:30]])),
     })  # fmt: skip
 
 

@@ -8,10 +8,14 @@ import fractions
 import hashlib
 import importlib
 import inspect
+import io
 import os
 import pkgutil
 import re
+import resource
 import stat
+import threading
+import time
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
@@ -729,6 +733,165 @@ def limits_and_tables_of_core():
     import twistwrench.core
 
     return limits_and_tables(twistwrench.core)
+
+
+@records.of
+def streams_and_standard_input(folder):
+    found = {}
+    with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
+        os.mkfifo("pipe")
+
+        def write():
+            with Path("pipe").open("wb") as stream:
+                stream.write(b"ab")
+                stream.flush()
+                time.sleep(0.05)
+                stream.write(b"c" * 5)
+
+        for most in (7, 6):
+            writer = threading.Thread(target=write)
+            writer.start()
+            with contextlib.suppress(BrokenPipeError):
+                found[f"pipe {most}"] = outcome(lambda most=most: files.read_text(Path("pipe"), most))
+                writer.join()
+        found["is a stream"] = files.is_stream(Path("pipe"))
+        for most in (5, 4):
+            patch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(b"12345")))
+            found[f"input {most}"] = outcome(lambda most=most: files.read_standard_input(most).decode())
+        patch.setattr(files, "_OPENING_TIMEOUT", 0.02)
+        found["nobody"] = outcome(files.read_bytes, Path("pipe"))
+        with files.replacing("/dev/null") as target:
+            found["device"] = str(target)
+        Path("a").symlink_to("b")
+        Path("b").symlink_to("a")
+        with contextlib.suppress(tw.ValueRangeError), files.replacing("a"):
+            pass
+        found["circle"] = [
+            outcome(files.check_outputs, {"--csv": "a"}, {}).partition(":")[0],
+            sorted(p.name for p in Path().iterdir()),
+        ]
+    return found
+
+
+@records.of
+def cache_in_its_usual_folder(folder):
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as given, contextlib.chdir(folder):
+        warnings.simplefilter("always")
+        patch.setattr(object_cache, "_WARNINGS_GIVEN", set())
+        patch.setattr("sys.platform", "linux")
+        patch.delenv(object_cache.VARIABLE, raising=False)
+        patch.setenv("XDG_CACHE_HOME", str(Path("x").absolute()))
+        first = str(object_cache.folder())
+        patch.setenv("XDG_CACHE_HOME", " ")
+        patch.setenv("HOME", str(Path("home").absolute()))
+        second = str(object_cache.folder())
+        patch.setenv(object_cache.VARIABLE, str(Path("c").absolute()))
+
+        def full(**options):
+            raise OSError(errno.ENOSPC, "No space")
+
+        patch.setattr("tempfile.mkstemp", full)
+        object_cache.store("a" * 64, b"x")
+        object_cache.store("a" * 64, b"x")
+        return [first, second, sorted(p.name for p in Path("c").iterdir()), [str(w.message) for w in given]]
+
+
+@records.of
+def limits_of_a_child(folder):
+    def run(target, *positional, **limits):
+        return outcome(
+            child_process.run_in_child,
+            target,
+            *positional,
+            limits=ChildLimits(**limits) if limits else None,
+            error_of=tw.TrajectoryError,
+        )
+
+    with contextlib.chdir(folder):
+        items = child_process.stream_from_child("builtins:range", 9, error_of=tw.TrajectoryError)
+        started = [next(items), next(items)]
+        items.close()
+        found = {
+            "part": started, "again": run("builtins:pow", 3, 4), "folder": run("os:getcwd"), "environment": [run("os:getenv", name) for name in ("OMP_NUM_THREADS", child_process.VARIABLE)], "core": run("resource:getrlimit", resource.RLIMIT_CORE)[0], "array": run("numpy:arange", 3.0), "waits": run("time:sleep", 9.0, seconds=0.04),
+            "memory": run("builtins:bytearray", 600_000_000, memory=200_000_000), "code": run("os:_exit", 3), "exact": run("builtins:len", "abc"), "module": run("no_such_module:x"),
+        }  # fmt: skip
+        child_process.end_children()
+    return found
+
+
+@records.of
+def jobs_of_a_client():
+    """Jobs submitted to a Dask client: in order, some ahead, each with retries; a dead worker is a failure."""
+    from distributed.scheduler import KilledWorker
+
+    submitted, released = [], []
+
+    class Future:
+        def __init__(self, job, item):
+            self.job, self.item = job, item
+
+        def result(self):
+            if self.item == 4:
+                raise KilledWorker("job-4", SimpleNamespace(address="tcp://worker"), 3)
+            return self.job(self.item)
+
+        def release(self):
+            released.append(self.item)
+
+    class Client:
+        def nthreads(self):
+            return {"a": 1, "b": 1}
+
+        def submit(self, job, item, **options):
+            submitted.append([item, options, len(released)])
+            return Future(job, item)
+
+    def half(x):
+        if x == 3:
+            raise tw.ValueRangeError("three")
+        return x / 2
+
+    progress = []
+    pool = workers.Workers.from_client(Client())
+    results = [str(r).partition(": ")[0][:60] for r in pool.results(half, list(range(9)), progress.append)]
+    return {
+        "ahead": pool.ahead,
+        "results": results,
+        "submitted": submitted,
+        "released": released,
+        "progress": progress,
+        "alone": workers.Workers.from_client(None).ahead,
+    }
+
+
+@records.of
+def methods_called_later():
+    import dask.array as da
+
+    class Owner:
+        nq, nv = 3, 2
+
+        @third_party.lazy_by_blocks(lambda owner, arguments: [(owner.nv,)])
+        def one(self, q, dq=None, *, scale=1.0, wrench_on_robot=None):
+            total = sum(np.asarray(F).sum(axis=-1) for F in (wrench_on_robot or {}).values())
+            return scale * np.asarray(q)[..., :2] + (0 if dq is None else np.asarray(dq)) + np.asarray(total)[..., None]
+
+        @third_party.lazy_by_blocks(
+            lambda owner, arguments: [(owner.nv,), (2, 3)], result=lambda a, b: [a, b], dtype=np.float64
+        )
+        def two(self, q):
+            q = np.asarray(q)
+            return q[..., :2], np.stack([q, 2 * q], axis=-2)
+
+    q = np.arange(12.0).reshape(4, 3)
+    lazy = da.from_array(q, chunks=(3, 2))
+    owner = Owner()
+    wrench = {"a": np.arange(6.0), "b": da.from_array(np.ones((4, 6)), chunks=2)}
+    a, b = owner.two(lazy)
+    return {
+        "plain": owner.one(q, scale=2.0), "later": np.asarray(owner.one(lazy, q[:, :2], scale=2.0, wrench_on_robot=wrench)), "by wrench": np.asarray(owner.one(q, wrench_on_robot=wrench)), "two": [np.asarray(a), np.asarray(b).shape, a.chunks, b.dtype.name], "kept": sorted(type(F).__name__ for F in wrench.values()),
+        "errors": [outcome(owner.one, lazy[:, :2]), outcome(owner.one, lazy, q), outcome(owner.one, lazy, wrench_on_robot={"a": np.ones(5)})],
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", records.names)
