@@ -154,6 +154,9 @@ def arrays_as_arguments():
         arguments.is_table(data.q[:, 0].transpose()),
         arguments.is_table(SimpleNamespace(dims=("a",), coords={})),
     ]
+    found["turned around"] = arguments.columns_in_order(
+        pd.DataFrame([[1.0, 2.0, 3.0]], columns=["a", "b", "c"]), "q", ["b", "c", "a"]
+    )
     found["plain"] = [
         None if (r := arguments.of_plain(v)) is None else [a.tolist() for a in r]
         for v in ([[1, 2], 3.0], [frame], [[[1], [1, 2]]], [(1,), np.ones(1)])
@@ -464,12 +467,14 @@ def files_read_and_written(folder):
         def write(path, fail=False):
             with files.replacing(path) as temporary:
                 name = temporary.name
+                private = oct(stat.S_IMODE(temporary.stat().st_mode))
                 temporary.write_text("new")
                 if fail:
                     raise KeyError("x")
             return [
                 name.startswith(".") and name.endswith(Path(path).suffix),
                 Path(path).read_text(),
+                private,
                 oct(stat.S_IMODE(Path(path).stat().st_mode)),
             ]
 
