@@ -297,6 +297,8 @@ def printed_numbers_of_all_sizes():
         0.7649,
         0.989,
         0.9901,
+        0.995,
+        1.005,
         0.996,
         0.99996,
         0.9999996,
@@ -385,6 +387,7 @@ def verdicts_and_doubts():
     ]
     for a in words:
         joined[str(a.word)] = [str(a.joined(b)) for b in words]
+    joined["two reasons"] = str(Verdict(Word.UNSURE, ("z",)).joined(Verdict(Word.UNSURE, ("a", "z"))))
     table = doubts.doubt_table()
     made = [
         doubts.doubt("rate", ["a", "b"], rate="velocity", what="is x"),
@@ -397,6 +400,7 @@ def verdicts_and_doubts():
             found={"value": 3.0, "unit": "rows", "interval": (1.0, 4.0)},
         ),
         doubts.doubt("left-out", named="all", log="my.csv", path="log.csv", reason="it is empty"),
+        doubts.doubt("dead-torque", ["J1", "J2"], named=""),
         doubts.doubt("fanuc-j3", ["J3"], joint="J3", column=Argument("columns", {"J3": "x"})),
     ]
     effect = next(kind for kind, row in table.items() if row.level == "effect")
