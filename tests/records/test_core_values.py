@@ -802,7 +802,17 @@ def cache_in_its_usual_folder(folder):
         patch.setattr("tempfile.mkstemp", full)
         object_cache.store("a" * 64, b"x")
         object_cache.store("a" * 64, b"x")
-        return [first, second, sorted(p.name for p in Path("c").iterdir()), [str(w.message) for w in given]]
+        patch.setattr("os.getuid", lambda: 1234)
+        patch.setattr("os.getgid", lambda: 100)
+        statuses = {
+            f"{user} {group} {mode:o}": object_cache._is_safe_parent(
+                SimpleNamespace(st_uid=user, st_gid=group, st_mode=mode)
+            )
+            for user in (0, 1234, 7)
+            for group in (100, 1234)
+            for mode in (0o755, 0o775, 0o757, 0o1777)
+        }
+        return [first, second, sorted(p.name for p in Path("c").iterdir()), [str(w.message) for w in given], statuses]
 
 
 @records.of
