@@ -258,6 +258,7 @@ def sampling_of_logs():
     gap = [Gap(1.0, 0.05), Gap(2.0, -0.05), Gap(2.7, 0.06, 3), Gap(3.1, -0.04)]
     return compact({
         "pauses": [sampling.pauses(t, m) for t, m in ((pause, 0.0), (pause, 0.6), (T[:1], 0.0), (np.r_[0, 1, 2, 6.9, 7.9, 13.1], 0.0))], "new": [None if (r := sampling.new_rows(x)) is None else np.flatnonzero(r)[:4] for x in (held, irregular, straight, encoder, X, held[:59], X[np.arange(400) // 2 * 2], X[:, 3:])],
+        "changes": [sampling._have_equal_intervals(np.arange(n) % 3 == 0) for n in (58, 61, 64)],
         "moves": sampling.moves(np.c_[X, X[:, 0] + 0.3 * numbers(400), 1e-3 * numbers(400)]), "two rows": sampling.moves(X[:2]),
         "gaps": [sampling.gaps(T[: len(q)], q) for q in (late, early, stuck, one, single, X, X[:9], X[:, 3:], twice)] + [sampling.gaps(pause, late)], "held": sampling.held_rows(T, sampling.gaps(T, stuck)).nonzero(),
         "by turns": [sampling.late_by_turns(g, 0.5, 4.0) for g in (gap, gap[:1], [*gap, Gap(3.5, np.nan)], [*gap, Gap(3.3, np.nan), Gap(3.5, 0.2)], [gap[0], gap[2], gap[1]], gap[1:])], "spikes": np.argwhere(sampling.spikes(spiky)), "still": sampling.spikes(np.ones((5, 2))).sum(),

@@ -546,9 +546,11 @@ def gravity_and_quadrature():
 @records.of
 def first_calls_of_newcomers():
     rows = first_calls.first_calls()
+    keys = [(place, word) for r in rows for place in r.where for word in r.words]
+    keys = list(dict.fromkeys(keys))
     words = ["rnea", "RNEA", "crba", "inverse_dynamics", "computeMinverse", "nq_dot", "fkine", "jacob0", "dof", "mass"]
     return {
-        "count": [len(rows), sorted({r.of for r in rows}), sum(len(r.words) for r in rows)], "found": {w: [[r.use, r.of] for r in first_calls.rows_of(w, "robot")] for w in words}, "places": {p: sum(p in r.where for r in rows) for p in ("robot", "module", "motion", "inertia", "command", "option", "page")},
+        "count": [len(rows), sorted({r.of for r in rows}), sum(len(r.words) for r in rows)], "case": {f"{place} {w}": [r.use for r in first_calls.rows_of(w, place)] for place, w in keys if w == w.casefold() and len([v for p, v in keys if p == place and v.casefold() == w]) > 1 and any(w in r.words and place in r.where for r in rows)}, "found": {w: [[r.use, r.of] for r in first_calls.rows_of(w, "robot")] for w in words}, "places": {p: sum(p in r.where for r in rows) for p in ("robot", "module", "motion", "inertia", "command", "option", "page")},
         "quantities": [r.quantity for r in rows if r.quantity][:40], "advice": [r.advice for r in rows[:60:3]], "plain": first_calls.plain_text("`robot.nv`, **not** [q](page.md)"), "similar": [first_calls.similar_names(n, ["mass_matrix", "mass_matrices", "momentum", "masses"]) for n in ("mass_matrx", "elbow", "mass_matri")],
         "missing": [str(first_calls.missing_attribute("'X' object", n, p, ["mass_matrix"])) for n, p in (("crba", "robot"), ("mass_matrx", "robot"), ("zzz", "robot"), ("plot", "module"), ("torque", "motion"))], "only": [r.only for r in rows if r.only][:9], "shown": sum(bool(r.shown) for r in rows),
     }  # fmt: skip
