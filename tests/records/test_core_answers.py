@@ -218,7 +218,7 @@ def data_of_answers(folder):
     return {
         "dict": {k: v for k, v in found.items() if k != "version"}, "json": [str(written), again == sample.to_json(), json.loads(again)["verdict"], again[:40]], "refused": refused, "shown": [repr(sample), repr(other), truth], "headlines": [sample.headline, other.headline, Sample(Verdict(Word.OK), []).headline], "titles": list(tables),
         "table": [first.rows()[1], first.to_dict()["joint"][:2], first.to_pandas().attrs, first.to_pandas().shape], "other": {k: v for k, v in other.to_dict().items() if k in ("verdict", "sentences", "reasons", "ok", "exit_code", "remedies", "schema")}, "defaults": [list(answer.Answer.facts(sample)), list(answer.Answer.origin(sample)), answer.Answer.shares(sample), answer.Answer.sources(sample)],
-        "bars": data.table_data(shares_table()), "bars on a page": page.table_html(shares_table()), "surfaces": surfaces(),
+        "two headlines": data.report_data([Headline(Word.UNSURE, "a"), Headline(Word.OK, "b")]), "bars": data.table_data(shares_table()), "bars on a page": page.table_html(shares_table()), "surfaces": surfaces(),
         "print": printed_answer(sample)[:3], "text": str(other).splitlines(),
     }  # fmt: skip
 
@@ -310,6 +310,8 @@ def pages_of_answers(folder):
             ["deep/robot.urdf+deep/other.csv", "x=deep/z.csv", "plain", "none/y.csv", "link:=deep/w.csv"]
         )
         shortened = shorten("deep/robot.urdf deep/other.csv deep/z.csv none/y.csv deep/w.csv")
+        Path("deep/x").mkdir()
+        nested = page.without_folders(["deep/x", "deep/x/a.csv"])("deep/x/a.csv in deep/x")
         provenance = [
             [name, text[:60]] for name, text in page.provenance({"LOG (x)": "deep/robot.urdf", "A": None, "B": "no"})
         ]
@@ -325,7 +327,7 @@ def pages_of_answers(folder):
         facts=[("a", "<1>")],
     ).html()
     return {
-        "whole": whole, "full": next(line for line in full if "SHA" in line)[-700:], "written": written, "empty": without_versions(plain), "shortened": shortened, "provenance": provenance, "date": dated, "details": without_versions(details)[9:-4], "digest": page.digest("let a = 1;"),
+        "whole": whole, "full": next(line for line in full if "SHA" in line)[-700:], "written": written, "empty": without_versions(plain), "shortened": [shortened, nested], "provenance": provenance, "date": dated, "details": without_versions(details)[9:-4], "digest": page.digest("let a = 1;"),
         "terms": [[t for t, _ in page._terms_in(h)] for h in ("<td>gravity and OK</td>", '<td class="word">gravity</td>', "<th>peak</th> UNSURE", "<p>peak σ</p>", "<svg>COLLISION</svg>", "<h1>drift</h1>", "<p>LOOK AGAINST LOOK AGAIN, γ</p>")], "paragraphs": [page.paragraphs(Line("a\nb", ("c\nd\ne", "good"), "f")), page.paragraphs(Line(("x", "")))], "styles": len(page.page_colours()),
     }  # fmt: skip
 
