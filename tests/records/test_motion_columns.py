@@ -484,7 +484,7 @@ def names_of_joints_in_columns():
         "an ending of two": rules(["A1", "x_A1", "A2", "A3"], kuka),
         "single": rules(["pos"], ["hinge"]) | {"number": rules(["q7"], ["hinge"]), "one": rules(["q1"], ["hinge"])},
         "codes": rules(["q_1000", "q_1001"], ["a", "b"]),
-        "most by prefix": [matching.match_most_by_prefix(matching.candidates(dict(enumerate(c)))["q"], names) for c in (["b_joint1", "b_joint3"], ["b_joint1"], ["b_joint1", "b_joint2", "c_joint1", "c_joint3"], ["b_joint1", "b_joint2", "c_joint1"])],
+        "most by prefix": [matching.match_most_by_prefix(matching.candidates(dict(enumerate(c)))["q"], names) for c in (["b_joint1", "b_joint3"], ["b_joint1"], ["b_joint1", "b_joint2", "c_joint1", "c_joint3"], ["b_joint1", "b_joint2", "c_joint1"], ["z_joint1", "z_joint2", "z_joint3", "a_joint2", "a_joint1"], ["a_joint1", "a_joint2", "a_joint3", "z_joint2", "z_joint1"])],
         "alike": [matching.alike(*c) for c in ((["shoulder", "elbow"], ["schoulder", "elbo", "elbows"]), (["shoulder_pan", "shoulder_lift"], ["shoulder", "pan_shoulder"]), (["wrist1", "wrist2"], ["wrist_1", "wrst2", "zzz"]), (["abcdef"], ["abcxyz", "abcxy"]))],
         "series": [matching.series(*c) for c in ((["A2", "A10", "A1", "E1"], 3), (["A2", "A1", "E2", "E1"], 2), (["x1 [deg]", "x0 [deg]"], 2), (["x"], 1), (["b_2_1", "b_1_9"], 2))],
         "rows": [matching.counts_rows(np.array(c)) for c in ([7.0, 8.0, 9.0, 12.0], [7.0], [0.0, 1.0, 2.5], [0.0, 2.0, 4.0], [0.0, 0.0, 1.0, 2.0])],
