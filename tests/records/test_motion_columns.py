@@ -378,6 +378,7 @@ def columns_by_words_and_rules():
         "currents beside torques of another": assigned(f"time,{Q},{headers(suffix='.tau')},spin_current", gain={"boom_joint": 0.25}),
         "gain of a torque": assigned(f"time,{Q},{headers(suffix='.tau [N m]')}", gain={"spin": 0.25}),
         "gain of a current": assigned(f"time,{Q},{headers(suffix='.tau [mA]')}", gain=gain),
+        "asked currents": [assigned(f"time,{Q},one{u},two,three,four", gain=gain, columns=dict(zip(("zslide.current", "boom_joint.current", "spin.current", "a_tilt.current"), (f"one{u}", "two", "three", "four"), strict=True))) for u in ("", " [mA]")],
         "gain by current of a torque": assigned(f"time,{Q},{headers(suffix='.tau')}", gain={"a_tilt.current": 0.5}),
         "gain of nobody": assigned(f"time,{Q},{headers(suffix='.tau')}", gain={"spim": 0.25}),
         "gains of currents by number": assigned(f"time,{Q},current_1,current_2,current_3,current_4", gain={"zslide": 2.0}),
