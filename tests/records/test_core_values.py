@@ -5,12 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import fractions
-import hashlib
-import importlib
-import inspect
 import io
 import os
-import pkgutil
 import re
 import resource
 import stat
@@ -85,37 +81,6 @@ def written(value):
     if isinstance(value, list | tuple | np.ndarray):
         return "(" + ", ".join(map(written, value)) + ")"
     return f"{value:.9g}" if isinstance(value, float) else str(value)
-
-
-OF_THIS_SYSTEM = ("_READING_FLAGS", "_NOT_A_FILE", "_BINARY", "_WRITABLE_BY_OTHERS", "ON_INDEX")
-"""Constants that differ between systems, or with a release."""
-
-
-def limits_and_tables(package):
-    """Thresholds, bounds and tables of a package's modules by name; a long one by its digest."""
-    found = {}
-    for info in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-        module = importlib.import_module(info.name)
-        source = inspect.getsource(module)
-        own = {}
-        for name, value in vars(module).items():
-            is_defined_here = re.search(rf"^{name}\b", source, re.MULTILINE)
-            if not name.isupper() or not is_defined_here or name in OF_THIS_SYSTEM:
-                continue
-            value = getattr(value, "pattern", value)
-            if not isinstance(value, int | float | str | tuple | frozenset | dict | np.ndarray):
-                continue
-            text = written(value)
-            is_own = " at 0x" not in text and not re.search(r"<(class|function|module)|/work|/tmp|/home|/usr", text)
-            if is_own:
-                own[name] = (
-                    value
-                    if len(text) < 40 and isinstance(value, int | float | str)
-                    else hashlib.sha256(text.encode()).hexdigest()[:8]
-                )
-        if own:
-            found[info.name.removeprefix(f"{package.__name__}.")] = own
-    return found
 
 
 @records.of
@@ -737,13 +702,6 @@ def threads_of_blas():
                 pass
             nested = dict(counts)
         return [inside, nested, dict(counts), calls]
-
-
-@records.of
-def limits_and_tables_of_core():
-    import twistwrench.core
-
-    return limits_and_tables(twistwrench.core)
 
 
 @records.of

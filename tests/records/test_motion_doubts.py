@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded_answers import Records
-from tests.records.test_core_values import limits_and_tables
 from tests.records.test_motion_columns import (
     ARM,
     CRANE,
@@ -725,11 +724,6 @@ def portions_of_a_log_are_counted_once():
             c.add(10 * np.arange(60.0)[begin - before : begin + first], q[begin - before : begin + first], before)
         found[str(first)] = [short(c.doubts(CRANE.limits)), c._unwrapped_range, c._wrap_counts, c._step_count]
     return found
-
-
-@record
-def limits_and_tables_of_motion():
-    return limits_and_tables(twistwrench.motion)
 
 
 @pytest.mark.parametrize("name", records.names)
