@@ -902,7 +902,6 @@ def newton_steps_towards_poses():
             inputs = np.concatenate([*[target.ravel()] * len(step.frames), posture, [1e-6, 1e-4]])
             found[where] = flat(*step(q, q, passed, inputs))
         answers[name] = found
-    answers["constants"] = [newton_step.PATIENCE, newton_step.PROGRESS, newton_step.FIRST_RESIDUAL]
     return answers
 
 

@@ -634,7 +634,6 @@ def names_and_identities():
         ],
         "rows": identity.pose_rows(so3.exp(w), [1.5, 2.5, 3.5]),
         "read only": identity.IDENTITY.flags.writeable,
-        "constants": [half_angles.LARGEST_HALF_TURN, compiled_forms.REACH, series.SWITCH, identity.UPRIGHT],
     }
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import sys
 import warnings
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -660,6 +662,11 @@ def moved(report):
 
 @records.of(relative=1e-6)
 def moves_of_joints(folder):
+    with contextlib.chdir(folder):  # reports break long paths
+        return _moves_of_joints(Path())
+
+
+def _moves_of_joints(folder):
     q1 = {"turn": 1.1, "nod": -0.5, "push": 0.35}
     box = tw.SpatialInertia.from_com(0.8, (0.02, 0.0, 0.03))
     file = folder / "limits.csv"

@@ -183,7 +183,7 @@ def differences(recorded: Any, found: Any, place: str, relative: float) -> Itera
         if abs(recorded - found) > relative * abs(recorded) + ABSOLUTE:
             yield f"{place}: {recorded!r} recorded, {found!r} found"
         return
-    if isinstance(recorded, str) and isinstance(found, str) and _same_text(recorded, found):
+    if isinstance(recorded, str) and isinstance(found, str) and _same_text(recorded, found, relative):
         return
     if recorded != found or type(recorded) is not type(found):
         yield f"{place}: {recorded!r} recorded, {found!r} found"
@@ -193,23 +193,32 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, float | int) and not isinstance(value, bool)
 
 
-_SHOWN_NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]?\d+)?")
+_SHOWN_NUMBER = re.compile(r"-?\d+(?:\.\d+)?e[+-]?\d+|-?\d+\.\d+")
+_ROUNDING_SHOWN = 1e-9
+"""Numbers in texts that are rounding errors, in any unit: which ones they are depends on the processor."""
+_ALL_DIGITS = 8
+"""Digits from which on a text shows a number as it was computed, and not rounded for a reader."""
 
 
-def _same_text(recorded: str, found: str) -> bool:
-    """Equal words, and numbers with a point equal to one unit of their last digit, where rounding may turn."""
+def _same_text(recorded: str, found: str, relative: float) -> bool:
+    """Equal words, and equal numbers: to one unit of their last digit, where rounding may turn."""
     if recorded == found:
         return True
     if _SHOWN_NUMBER.split(recorded) != _SHOWN_NUMBER.split(found):
         return False
     pairs = zip(_SHOWN_NUMBER.findall(recorded), _SHOWN_NUMBER.findall(found), strict=True)
-    return all(_same_shown_number(a, b) for a, b in pairs)
+    return all(_same_shown_number(a, b, relative) for a, b in pairs)
 
 
-def _same_shown_number(a: str, b: str) -> bool:
+def _same_shown_number(a: str, b: str, relative: float) -> bool:
+    x, y = float(a), float(b)
+    if max(abs(x), abs(y)) < _ROUNDING_SHOWN:
+        return True
     mantissa, _, exponent = a.partition("e")
+    if len(mantissa.strip("-0.").replace(".", "")) >= _ALL_DIGITS:
+        return abs(x - y) <= relative * abs(x)
     decimals = len(mantissa.partition(".")[2])
     if len(b.partition("e")[0].partition(".")[2]) != decimals:
         return False
     unit = 10.0 ** (int(exponent or 0) - decimals)
-    return abs(float(a) - float(b)) <= 1.01 * unit
+    return abs(x - y) <= 1.01 * unit

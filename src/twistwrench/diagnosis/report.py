@@ -402,10 +402,11 @@ def _source_text(subject: Subject) -> str:
 
 
 def _rank(finding: Finding) -> tuple[int, float]:
-    """Sort key of the report: by severity, worst first, then by effect, largest first."""
+    """Sort key of the report: by severity, worst first, then by effect, largest first; of equal ones, in the file's order."""
     effect = finding.effect
     severity_rank = list(Severity).index(finding.severity)
-    return severity_rank, -max(effect.inertia_percent, effect.effort_percent)
+    largest_percentage = max(effect.inertia_percent, effect.effort_percent)
+    return severity_rank, -float(f"{largest_percentage:.6g}")  # without rounding errors
 
 
 complete(globals())  # docstrings get the entries of arguments that several functions share

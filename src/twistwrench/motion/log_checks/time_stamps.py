@@ -115,7 +115,7 @@ def steady_times(stamps: Array) -> Array | None:
     steps = np.diff(stamps)
     if len(steps) < _MIN_ROWS or (steps < 0).any():
         return None
-    if (steps == 0).mean() < _MIN_ZERO_STEPS:  # the stamps are fine enough
+    if (steps == 0).mean() < _MIN_ZERO_STEPS or not steps.any():  # the stamps are fine enough, or the clock stands
         return None
     grid = float(steps[steps > 0].min(initial=np.inf))
     distance_from_grid = np.abs(steps - grid * np.round(steps / grid))

@@ -112,7 +112,7 @@ def _plain_copy(path: Path) -> BinaryIO:
             stream.seek(0)
             text: BinaryIO = stream
             if is_packed:
-                text = cast("BinaryIO", gzip.GzipFile(fileobj=stream))
+                text = cast("BinaryIO", gzip.GzipFile(fileobj=stream, mode="rb"))
             head = text.read(_HEAD_SIZE)
             text.seek(0)
             is_copy = stream is not file
@@ -121,7 +121,10 @@ def _plain_copy(path: Path) -> BinaryIO:
             plain_text = _plain_portions(text, _encoding(head), old_line_ends=_has_old_line_ends(head))
             if is_packed:
                 plain_text = _check_proportion(plain_text, path, size)
-            return _copy_portions(plain_text)
+            copy = _copy_portions(plain_text)
+            if is_copy:
+                stream.close()
+            return copy
     except TrajectoryError:  # raised by check_ratio; other errors get a message below
         raise
     except FileNotFoundError:
