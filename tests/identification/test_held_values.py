@@ -73,6 +73,18 @@ def test_each_group_stands_beside_its_own_value_in_the_file(with_known_friction)
     assert file.keys() - set(table["group"]) == {"joint1.viscous"}
 
 
+@pytest.fixture(scope="module")
+def with_other_mass(planar):
+    return identify(ARM, planar.motion, cutoff=10.0, known={"link2.m": 1.3}, friction_speed=0.05, shift=0.0)
+
+
+def test_a_held_mass_stands_beside_that_of_the_file(with_other_mass):
+    """The file has 1 kg for each link; 1.3 kg are the caller's, not the file's."""
+    bodies = {body["link"]: body for body in with_other_mass.to_dict()["bodies"]}
+    assert [bodies[link]["file_mass"] for link in ("link1", "link2")] == [1.0, 1.0]
+    assert bodies["link2"]["mass"] == pytest.approx(1.3, abs=1e-6)
+
+
 def test_a_wrong_value_is_held_all_the_same(planar):
     found = identify(ARM, planar.motion, cutoff=10.0, known={"joint2.coulomb": 5.0})
     assert abs(found.parameters["joint2.coulomb"][0] - 5.0) < 1e-5

@@ -141,7 +141,7 @@ def body_changes(found: IdentifiedRobot) -> BodyChanges:
     columns = first_columns[:, None] + np.arange(10)  # (n, 10), of the regressor, which has ten for each body
     is_column = unknown.of_bodies == columns[..., None]
     indices = np.argmax(is_column, axis=-1)  # (n, 10): the unknown parameter that stands for each column
-    file_parameters = unknown.file_values[indices]  # (n, 10)
+    file_parameters = unknown.robot.parameters[columns]  # (n, 10), without known values, which ``file_values`` contains
     identified_parameters = consistent_values[indices]  # (n, 10)
     distances, is_moved = [], []
     for in_file, identified, own_indices in zip(file_parameters, identified_parameters, indices, strict=True):
