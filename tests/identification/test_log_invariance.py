@@ -132,6 +132,12 @@ def test_a_jump_is_at_the_first_sample_of_the_new_zero():
     assert jump_of(steady + 1e-4 * np.random.default_rng(0).normal(size=60)) is None
 
 
+def test_a_step_within_a_few_samples_is_no_jump():
+    """In 11 samples all other steps are beside it, so nothing tells how large steps usually are; in 21 samples they rest."""
+    assert jump_of(np.repeat([0.0, 1.0], [5, 6])) is None
+    assert jump_of(np.repeat([0.0, 1.0], [10, 11])) == 10
+
+
 def test_a_change_lasts_to_the_end_of_the_last_piece():
     """It begins 5 s into the first of two pieces, so the second has it from its first row on, whatever its clock says."""
     states = SimpleNamespace(piece=np.array([0, 0, 0, 1, 1]), time=np.array([4.0, 5.0, 6.0, 1.0, 9.0]))
