@@ -346,6 +346,9 @@ REFUSED = {
     "rows of one": (lambda: list(F_B), "one wrench has no rows to go through"),
     "no axis": (lambda: (0 * F_B).axis, "a wrench needs six finite numbers that are not all zero to have an axis."),
     "no direction": (lambda: screw_axis([0, 0, 0]), "an axis needs a direction"),
+    "an infinite direction": (lambda: screw_axis([1, np.inf, 0]), "an axis needs a direction: three finite numbers"),
+    "an infinite twist": (lambda: axis_of([0, np.inf, 0, 0, 0, 1]), "a twist needs six finite numbers"),
+    "an infinite wrench": (lambda: line_of_action([1, 0, 0, 0, -np.inf, 0]), "a wrench needs six finite numbers"),
     "a screw of five": (lambda: axis_of(np.zeros(5)), "a screw, angular part first, has shape (5,), expected (..., 6)."),
     "a covariance of five": (lambda: move_covariance(T_AB, np.eye(5)), "the covariance of a wrench has shape (5, 5), expected (..., 6, 6)."),
 }  # fmt: skip

@@ -12,6 +12,7 @@ from identification_logs import coloured, fourier_states, known_log
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
+from twistwrench.identification.body_changes import BodyChanges
 from twistwrench.identification.consistent import PositivePrior, PositiveProblem
 from twistwrench.identification.essential_groups import _elimination_order
 from twistwrench.identification.parameters import FRICTION
@@ -71,6 +72,30 @@ def test_each_group_stands_beside_its_own_value_in_the_file(with_known_friction)
     file = {name: parameter["prior"] for name, parameter in found.to_dict()["parameters"].items()}
     assert table["file"] == [file[name] for name in table["group"]]
     assert file.keys() - set(table["group"]) == {"joint1.viscous"}
+
+
+@pytest.fixture(scope="module")
+def with_other_mass(planar):
+    return identify(ARM, planar.motion, cutoff=10.0, known={"link2.m": 1.3}, friction_speed=0.05, shift=0.0)
+
+
+def test_a_held_mass_stands_beside_that_of_the_file(with_other_mass):
+    """The file has 1 kg for each link; 1.3 kg are the caller's, not the file's."""
+    bodies = {body["link"]: body for body in with_other_mass.to_dict()["bodies"]}
+    assert [bodies[link]["file_mass"] for link in ("link1", "link2")] == [1.0, 1.0]
+    assert bodies["link2"]["mass"] == pytest.approx(1.3, abs=1e-6)
+    assert not bodies["link2"]["mass_changed"]
+
+
+def test_rounding_errors_of_a_held_mass_are_no_change():
+    """A change of 1e-9 kg of a held mass has no deviation; the other mass is 0.5 ± 0.1 kg off, and is sure alone and in the sum."""
+    masses = np.array([1.0 + 1e-9, 2.5])
+    C = np.diag([0.0, 0.01])
+    is_held = np.array([True, False])
+    found = BodyChanges(("a", "b"), np.array([1.0, 2.0]), masses, C, np.zeros(2), np.zeros(2, bool), None, is_held)
+    assert found.is_heavier.tolist() == [False, True] and found.is_sum_heavier
+    alone = BodyChanges(("a",), np.ones(1), masses[:1], C[:1, :1], np.zeros(1), np.zeros(1, bool), None, is_held[:1])
+    assert not alone.is_heavier.any() and not alone.is_sum_heavier
 
 
 def test_a_wrong_value_is_held_all_the_same(planar):

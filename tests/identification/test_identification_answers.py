@@ -200,7 +200,7 @@ def test_a_tool_is_asked_about_with_its_mass(mass):
 def test_a_sum_of_masses_may_be_surer_than_each_of_them():
     """Of masses with a correlation of -0.99, the sum has √0.02 = 0.14 kg: 0.25 kg more of each are sure together alone."""
     C = np.array([[1.0, -0.99], [-0.99, 1.0]])
-    still = np.zeros(2), np.zeros(2, bool), None
+    still = np.zeros(2), np.zeros(2, bool), None, np.zeros(2, bool)
     found = BodyChanges(("a", "b"), np.ones(2), np.full(2, 1.25), C, *still)
     assert found.is_sum_heavier and not found.is_heavier.any()
     assert not BodyChanges(("a", "b"), np.ones(2), np.full(2, 1.25), abs(C), *still).is_sum_heavier

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from identification_logs import coloured, known_log
+from leaning_arm import short_arm
 from quick import mostly_slow
 
 import twistwrench as tw
@@ -279,6 +282,17 @@ def test_a_hand_that_the_file_has_and_the_log_lacks():
     assert "without hand" in missing.sentence
     again = identify(without_links(whole, ["hand"]), log.changed(of=without_links(whole, ["hand"])), **GIVEN)
     assert again.verdict.ok
+
+
+@pytest.mark.parametrize("motor_inertia", [0.0, 0.5])
+def test_a_motor_inertia_hides_no_hand_that_the_log_lacks(motor_inertia):
+    """The motor of the first joint is in a group of its link; without the hand of 0.6 kg, only the noise of 0.3 % is left."""
+    arm = short_arm()
+    bare = without_links(arm, ["grip"]).with_armature({"waist": motor_inertia})
+    log = known_log(bare, 1, noise=0.003, of=arm)
+    missing = next(doubt for doubt in identify(arm, log.motion, **GIVEN).doubts if doubt.kind == "missing-link")
+    left = re.search(r"without grip.* explains the torques to ([0-9.]+) % in place of", missing.sentence)
+    assert left and float(left[1]) < 0.4, missing
 
 
 def test_logs_that_do_not_belong_together():

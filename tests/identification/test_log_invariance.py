@@ -7,12 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from identification_logs import known_log
+from leaning_arm import short_arm
 from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.identification import identify
-from twistwrench.identification.diagnosis.causes import Law, side_in_play
+from twistwrench.identification.diagnosis.causes import Law, side_in_play, unit_of_value
 from twistwrench.identification.diagnosis.log_states import jump_of
+from twistwrench.identification.parameters import turning_joints
 
 ARM = tw.robots.planar_2r()
 LOG = known_log(ARM, 1)
@@ -101,11 +103,39 @@ def test_a_play_and_a_zero_that_changes_have_their_sizes():
         assert first.value == pytest.approx(size, rel=0.15), first
 
 
+def test_a_displacement_of_a_sliding_joint_is_a_length():
+    """A belt that slips by 80 mm and a rack with a play of 40 mm are not told in degrees."""
+    arm = short_arm()
+    log = known_log(arm, 1).motion
+    is_slide = ~turning_joints(arm.model)
+    slip = 0.08 * np.outer(log.time >= 9.0, is_slide)
+    half_play = 0.02 * np.tanh(log.dq / 0.02) * is_slide
+    for kind, q, size in (("zero-change", log.q + slip, 80.0), ("backlash", log.q + half_play, 40.0)):
+        found = identify(arm, tw.Motion(log.time, q, tau=log.tau, robot=arm, in_seconds=True), **GIVEN)
+        first = next(doubt for doubt in found.doubts if doubt.kind == kind)
+        assert first.joints == ("slide",) and first.unit == "mm"
+        assert first.value == pytest.approx(size, rel=0.15), first
+        assert f" {first.value:.3g} mm" in first.sentence and "degrees" not in first.sentence
+
+
+def test_an_elasticity_of_all_joints_has_the_units_of_its_joints():
+    """One value for joints that turn and joints that slide is a displacement in rad or m."""
+    model = short_arm().model
+    units = [unit_of_value("elasticity", joints, model) for joints in ((0,), (1,), (0, 2), ())]
+    assert units == ["deg", "mm", "deg", "rad or m"]
+
+
 def test_a_jump_is_at_the_first_sample_of_the_new_zero():
     """A steady motion with 0.5 rad more from sample 30 on; without that, nothing jumps."""
     steady = 0.01 * np.arange(60.0)
     assert jump_of(steady + 0.5 * (np.arange(60) >= 30)) == 30
     assert jump_of(steady + 1e-4 * np.random.default_rng(0).normal(size=60)) is None
+
+
+def test_a_step_within_a_few_samples_is_no_jump():
+    """In 11 samples all other steps are beside it, so nothing tells how large steps usually are; in 21 samples they rest."""
+    assert jump_of(np.repeat([0.0, 1.0], [5, 6])) is None
+    assert jump_of(np.repeat([0.0, 1.0], [10, 11])) == 10
 
 
 def test_a_change_lasts_to_the_end_of_the_last_piece():

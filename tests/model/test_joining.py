@@ -11,6 +11,7 @@ from quick import mostly_slow
 from written_robots import FORMS, again, arm, differences
 
 import twistwrench as tw
+from twistwrench.mechanics.model.joining import with_free_base
 from twistwrench.testing import random_pose, random_robot
 
 pytest_plugins = ("numpy_fixtures",)
@@ -279,3 +280,24 @@ def test_both_are_written_to_files(form):
     part = tw.robots.ur5().chain("forearm_link")
     gravity = {"gravity": part.gravity} if form == "urdf" else {}
     assert not differences(part, again(part, form, **gravity), without=("velocity", "tip"))
+
+
+def test_a_base_that_is_locked_anywhere_floats_again():
+    """Its axes are then those of gravity: joint torques and the frames of links and of the world stay as they were."""
+    text = """<mujoco model="swing"><worldbody><site name="spot" pos="0.3 -0.2 0.1"/><body name="trunk"><freejoint name="root_joint"/>
+      <geom type="box" size="0.2 0.1 0.05" density="800"/><body name="arm" pos="0.2 0 0"><joint name="turn" axis="0 1 0"/>
+        <geom type="box" pos="0.1 0 0" size="0.1 0.02 0.02" density="900"/></body></body></worldbody></mujoco>"""
+    floating = tw.load(text)
+    locked = floating.lock({"root_joint": [0.8, 0.4, -0.4, 0.2, 1.0, 2.0, 3.0]})  # quaternion and position
+    freed = tw.Robot(with_free_base(locked.model))
+    assert freed.joint_names == ("root_joint", "turn")
+    q = np.array([0.6])
+    q_freed = np.concatenate([freed.neutral[:7], q])
+    np.testing.assert_allclose(freed.gravity_forces(q_freed)[6:], locked.gravity_forces(q), rtol=EXACT)
+
+    def pose_on_trunk(robot, q, frame):
+        return tw.se3.inverse(robot.forward_kinematics(q, "trunk")) @ robot.forward_kinematics(q, frame)
+
+    for frame in ("arm", "spot"):
+        expected = pose_on_trunk(locked, q, frame)
+        np.testing.assert_allclose(pose_on_trunk(freed, q_freed, frame), expected, atol=EXACT)

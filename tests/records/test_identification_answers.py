@@ -780,6 +780,7 @@ def sure_changes_of_bodies():
             np.array([0.0123, np.nan, 0.0004]),
             np.array([True, False, True]),
             tool,
+            np.zeros(3, bool),
         )
         found.append([changes.to_list(), changes.deviations, changes.is_heavier, changes.is_sum_heavier])
     more = replace(changes, tool=replace(tool, mass=0.25))

@@ -299,14 +299,24 @@ def runs_of_high_rows():
 
 @records.of
 def values_in_their_units():
+    def unit(kind, joints=(0,)):
+        return causes.unit_of_value(kind, joints, robot().model)
+
     kinds = [
         "zero", "tilt", "elasticity", "zero-change", "backlash", "late", "late-change", "late-joint", "gain-change", "low-pass", "load-friction",
         "stribeck", "warming", "gain-drift", "gain", "position-scale", "spring", "offset-step", "drift", "force",
     ]  # fmt: skip
-    found = {kind: causes.value_with_interval(kind, np.array([0.3]), np.array([0.04])) for kind in kinds}
-    found["vector"] = causes.value_with_interval("tilt", np.array([0.03, -0.04]), np.array([0.002, 0.005]))
-    found["no vector"] = causes.value_with_interval("force", np.zeros(3), np.array([2.0, 5.0, 7.0]))
-    found["large"] = causes.value_with_interval("gain", np.array([40.0]), np.array([90.0]))
+    found = {kind: causes.value_with_interval(kind, np.array([0.3]), np.array([0.04]), unit(kind)) for kind in kinds}
+    found["vector"] = causes.value_with_interval("tilt", np.array([0.03, -0.04]), np.array([0.002, 0.005]), "deg")
+    found["no vector"] = causes.value_with_interval("force", np.zeros(3), np.array([2.0, 5.0, 7.0]), "N")
+    found["large"] = causes.value_with_interval("gain", np.array([40.0]), np.array([90.0]), "")
+    for kind in ("elasticity", "zero-change", "backlash"):
+        for joints in ((1,), ()):
+            own_unit = unit(kind, joints)
+            found[f"{kind} of {joints}"] = (
+                causes.value_with_interval(kind, np.array([0.3]), np.array([0.04]), own_unit),
+                own_unit,
+            )
     return found | {"units": {kind: doubt_table()[kind].unit for kind in kinds}}
 
 
@@ -396,6 +406,11 @@ def screened_causes_and_laws():
 # ── Choice of causes
 
 
+@functools.cache
+def states_of_the_robot():
+    return stub(base=stub(unknown=stub(model=robot().model)))
+
+
 def found_cause(kind="gain", joints=(1,), S=1.0, cost=0.0, **fields):
     return FoundCause(
         kind,
@@ -403,7 +418,7 @@ def found_cause(kind="gain", joints=(1,), S=1.0, cost=0.0, **fields):
         S,
         fields.pop("t", 9.0),
         stub(),
-        fields.pop("fit", stub(blocks=range(8), critical_t=lambda n: float(n))),
+        fields.pop("fit", stub(blocks=range(8), critical_t=lambda n: float(n), states=states_of_the_robot())),
         cost=cost,
         **fields,
     )
@@ -437,12 +452,12 @@ def possible_and_large_causes():
         (1.5, 6, -0.41),
         (1.5, 6, 0.39),
     ):
-        fit = stub(blocks=range(blocks))
+        fit = stub(blocks=range(blocks), states=states_of_the_robot())
         fields = {} if value is None else {"value": np.array([value]), "deviation": np.array([0.2])}
         large[f"{S} {blocks} {value}"] = diagnose._is_large(found_cause(S=S, fit=fit, **fields))
     determined = {}
     for kind, value, deviation in (("gain", 0.1, 0.9), ("gain", 0.1, 1.1), ("zero", 0.1, 5.0), ("gain", 0.1, 0.97)):
-        fit = stub(blocks=range(9))
+        fit = stub(blocks=range(9), states=states_of_the_robot())
         determined[f"{kind} {deviation}"] = diagnose._is_determined(
             found_cause(kind, value=np.array([value]), deviation=np.array([deviation]), fit=fit)
         )
@@ -576,7 +591,7 @@ def diagnoses_of_faulty_logs():
 
 def said(kind="gain", joints=(1,), *, effect=0.03, value=0.05, deviation=0.01, taken=None, names=("waist", "slide", "elbow"), shares=(0.2, 0.6, 0.4), shift=0.0, **fields):  # fmt: skip
     before = stub(squares=np.ones(3))
-    states = stub(gravity=np.array([1.0, -2.0, -9.5]), shift=shift)
+    states = stub(gravity=np.array([1.0, -2.0, -9.5]), shift=shift, base=states_of_the_robot().base)
     fit = stub(live=np.ones(3, bool), squares=1.0 - np.array(shares), blocks=range(9), states=states)
     given = {
         "value": None if value is None else np.atleast_1d(value),

@@ -196,6 +196,12 @@ def test_what_is_not_a_number_is_no_choice(jit, monkeypatch):
             np.testing.assert_array_equal(kernels(function)(np.stack([x, y], axis=1))[0], function(x, y))
 
 
+def test_a_constant_that_is_not_a_number_is_traced_without_a_warning():
+    """Comparisons with NaN set NumPy's flag of an invalid operation."""
+    value, _ = tw.differentiate(lambda x: tw.pointwise.maximum(x, np.nan), {"x": 2}, values=True)([1.0, 2.0])
+    assert np.isnan(value).all()
+
+
 def test_functions_of_robots_take_choices():
     arm = tw.robots.planar_2r()
 

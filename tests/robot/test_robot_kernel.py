@@ -175,6 +175,15 @@ def test_wrong_shapes_are_explained(monkeypatch, arguments, told, jit):
         robot.kernel("inverse_dynamics")(*arguments)
 
 
+@pytest.mark.parametrize(("jit", "axes"), [("0", 33), ("0", 62), ("1", 63)])
+def test_more_axes_than_a_kernel_takes_are_explained(monkeypatch, jit, axes):
+    """NumPy broadcasts 32 axes; compiled kernels take 64 with those of the result."""
+    monkeypatch.setenv("TWISTWRENCH_JIT", jit)
+    robot = tw.robots.planar_2r()
+    with pytest.raises(tw.ShapeError, match=rf"mass_matrix: q has {axes} batch axes.*at most 32 axes"):
+        robot.mass_matrix(np.zeros((1,) * axes + (2,)))
+
+
 def test_labelled_wrenches_bring_their_frame(bundled):
     arm, q, F = bundled("planar_2r"), [0.3, 0.4], [0, 0, 1, 2, 3, 0]
     expected = arm.wrench_torques(q, F, frame="tip")

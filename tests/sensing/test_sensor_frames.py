@@ -90,3 +90,13 @@ def test_shapes_that_do_not_fit_are_said():
         sensor().compensate(np.zeros((2, 6)), np.tile(T, (3, 1, 1)))
     with pytest.raises(tw.ShapeError, match="compensated has shape"):
         sensor().contact_wrench(np.zeros(5))
+
+
+@pytest.mark.parametrize("name", ["", " ", "\t"])
+def test_a_frame_has_a_name_that_can_be_read(name):
+    with pytest.raises(
+        tw.FrameError, match=r"the frame of a sensor is '.*'; a frame's name is a text that is not blank"
+    ):
+        sensor(name)
+    with pytest.raises(tw.FrameError, match="the frame that a pose is of"):
+        tw.Pose(np.eye(4), to="w", of=name)

@@ -14,9 +14,11 @@ import twistwrench as tw
 from twistwrench.sensing.files import read_sensor_file
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
+from twistwrench.sensing.observability import advice
 from twistwrench.sensing.poses import propose_poses
 from twistwrench.sensing.sensor import ForceTorqueSensor
 from twistwrench.sensing.simulated_logs import simulate
+from twistwrench.sensing.unknowns import Unknowns
 
 STUDY = 1000
 """Identifications of the slow study; the quick one has a fifth of them."""
@@ -273,6 +275,18 @@ def test_too_few_readings():
     # 13 unknowns of 18 equations, but the forces of three poses, 9 equations, have mass, turn and bias, 7, twice over
     with pytest.raises(tw.ValueRangeError, match="3 readings, and 13 unknowns need at least 4"):
         identify(simulate(tool(), 3), assume="orientation")
+
+
+@pytest.mark.parametrize("angle", [0.31, 0.7, 1.4, 2.2])
+def test_advice_prints_rounding_errors_of_an_axis_as_zero(angle):
+    """The tool was turned about (1, 3, 0): no turn within the plane of x and y has a part along z."""
+    axis = np.array([1.0, 3.0, 0.0]) / np.sqrt(10.0)
+    turns = tw.so3.exp(np.outer([0.0, angle, 0.0], axis))
+    log = ReadingLog.from_arrays(np.zeros((3, 6)), gravity=turns @ [0.0, 0.0, -9.81])
+    sentence = advice(log, Unknowns())
+    _, _, axis_text = sentence.partition("turned about (")
+    x, y, z = axis_text.split(")")[0].split(", ")
+    assert z == "0" and float(y) == pytest.approx(3.0 * float(x), rel=0.05), sentence
 
 
 def test_a_turned_mounting_is_found_from_a_log_in_fast_motion():

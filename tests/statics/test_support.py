@@ -364,3 +364,13 @@ def test_a_fixed_base_and_impossible_contacts_are_errors():
     pads = [statics.Contact(push=p, group="pad") for p in (1.0, 2.0)]
     with pytest.raises(tw.ValueRangeError, match="pushes"):
         statics.hold(np.zeros(6), pads)
+
+
+@pytest.mark.parametrize("entry", [0, 3])
+def test_an_infinite_wrench_is_refused_without_a_warning_of_numpy(entry):
+    """Lever arms of zero times an infinite force are not a number."""
+    wrench = np.zeros(6)
+    wrench[entry] = np.inf
+    arm = tw.robots.ur5()
+    with pytest.raises(tw.ValueRangeError, match=r"give each frame one wrench .* of six finite numbers"):
+        statics.robot_equilibrium(arm, arm.neutral + 0.3, [], wrench_on_robot={"tool0": wrench})

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core.doubts import doubt_table
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.estimation.covariance import GroupCovariance, group_covariance
 from ..core.estimation.cross_validation import FOLDS
@@ -324,10 +323,12 @@ class AssumedCauses:
             kind = removed.wanted.kind
             value = removed.number
             interval = None
+            unit = causes.unit_of_value(kind, removed.wanted.joints, self.base.unknown.model)
             if len(removed.beta):
-                value, interval = causes.value_with_interval(kind, removed.beta, half_widths[own_values])
+                value, interval = causes.value_with_interval(kind, removed.beta, half_widths[own_values], unit)
             joints = tuple(names[k] for k in removed.wanted.joints)
-            unit = "" if value is None else doubt_table()[kind].unit
+            if value is None:
+                unit = ""
             gravity = tuple(gravity_of_log.tolist()) if kind in _GRAVITY_CHANGING else None
             assumed.append(AssumedCause(kind, joints, value, interval, unit, gravity))
         return tuple(assumed)

@@ -76,6 +76,7 @@ class BodyChanges:
         the file
     is_moved : (n,) bool array, True if the move of the centre is sure
     tool : LoneChange or None, change of the one body that explains the log
+    held : (n,) bool array, True if the mass is held at a known value, so that the log shows nothing of it
     """
 
     links: Sequence[str]
@@ -85,6 +86,12 @@ class BodyChanges:
     moved: Array
     is_moved: Array
     tool: LoneChange | None
+    held: Array
+
+    @property
+    def _found_changes(self) -> Array:
+        """(n,) changes of the masses that the log shows [kg]; 0 for held masses."""
+        return np.where(self.held, 0.0, self.masses - self.before)
 
     @property
     def deviations(self) -> Array:
@@ -94,12 +101,12 @@ class BodyChanges:
     @property
     def is_heavier(self) -> Array:
         """(n,) bool array, True if the mass has surely changed, to a larger or a smaller one."""
-        return np.asarray(np.abs(self.masses - self.before) > _MIN_DEVIATIONS * self.deviations)
+        return np.asarray(np.abs(self._found_changes) > _MIN_DEVIATIONS * self.deviations)
 
     @property
     def is_sum_heavier(self) -> bool:
         """True if the change of the sum of the masses is sure, to a larger or a smaller sum."""
-        change = float((self.masses - self.before).sum())
+        change = float(self._found_changes.sum())
         variance = max(float(self.covariance.sum()), 0.0)
         return abs(change) > _MIN_DEVIATIONS * math.sqrt(variance)
 
@@ -112,7 +119,8 @@ class BodyChanges:
 
         Examples
         --------
-        >>> one = BodyChanges(["rod"], np.ones(1), np.full(1, 1.5), np.full((1, 1), 0.01), np.zeros(1), np.zeros(1, bool), None)
+        >>> no = np.zeros(1, bool)
+        >>> one = BodyChanges(["rod"], np.ones(1), np.full(1, 1.5), np.full((1, 1), 0.01), np.zeros(1), no, None, no)
         >>> one.to_list()[0]["mass_changed"], one.is_sum_heavier
         (True, True)
         """
@@ -141,7 +149,7 @@ def body_changes(found: IdentifiedRobot) -> BodyChanges:
     columns = first_columns[:, None] + np.arange(10)  # (n, 10), of the regressor, which has ten for each body
     is_column = unknown.of_bodies == columns[..., None]
     indices = np.argmax(is_column, axis=-1)  # (n, 10): the unknown parameter that stands for each column
-    file_parameters = unknown.file_values[indices]  # (n, 10)
+    file_parameters = unknown.robot.parameters[columns]  # (n, 10), without known values, which ``file_values`` contains
     identified_parameters = consistent_values[indices]  # (n, 10)
     distances, is_moved = [], []
     for in_file, identified, own_indices in zip(file_parameters, identified_parameters, indices, strict=True):
@@ -168,6 +176,7 @@ def body_changes(found: IdentifiedRobot) -> BodyChanges:
         moved=np.array(distances),
         is_moved=np.array(is_moved, bool),
         tool=tool,
+        held=unknown.held[mass_indices],
     )
 
 

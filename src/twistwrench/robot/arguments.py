@@ -146,8 +146,8 @@ def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str,
     except RuntimeError:  # more axes than NumPy supports
         label, batch_shape = max(batch_shapes, key=lambda pair: len(pair[1]))  # with most batch axes
         return ShapeError(
-            f"{name}: {label} has {len(batch_shape)} batch axes. NumPy's arrays have at most 64 axes, those of one result "
-            "included. Reshape the batch to one axis."
+            f"{name}: {label} has {len(batch_shape)} batch axes. NumPy broadcasts at most 32 axes; compiled kernels take "
+            "at most 64, those of one result included. Reshape the batch to one axis."
         )
     return None
 

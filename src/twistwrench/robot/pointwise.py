@@ -158,4 +158,5 @@ def _each(numpy_function: Callable[..., Any], traced_function: Callable[..., Exp
     def element(*entries: Any) -> Expr:
         return traced_function(trace, *map(trace.lift, entries))
 
-    return np.frompyfunc(element, len(arrays), 1)(*arrays)
+    with np.errstate(invalid="ignore"):  # comparisons with a constant NaN, which the result contains
+        return np.frompyfunc(element, len(arrays), 1)(*arrays)

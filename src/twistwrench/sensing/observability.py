@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.estimation.least_squares import null_combinations
-from ..core.numbers import number, printed
+from ..core.numbers import number, printed, without_noise
 from ..core.typing import Array
 from ..mechanics.lie import so3
 from .log import ReadingLog
@@ -105,5 +105,5 @@ def _unit(name: str) -> str:
 
 
 def _vector_text(x: Array) -> str:
-    """Entries with two digits, separated by commas."""
-    return ", ".join(number(entry, 2) for entry in x + 0.0)  # no negative zeros
+    """Entries with two digits, separated by commas; rounding errors are 0."""
+    return ", ".join(number(entry, 2) for entry in without_noise(x))

@@ -239,7 +239,8 @@ def _robot_system(
     refuse_couplings(robot.model, "robot_equilibrium")
     contacts = _check_contacts(contacts)
     q = one_configuration(robot, q, "robot_equilibrium", "each pose is decided on its own")  # reason of the refusal
-    unloaded = resting_torques(robot, q, wrench_on_robot)
+    with np.errstate(invalid="ignore"):  # of infinite wrenches, which are refused below
+        unloaded = resting_torques(robot, q, wrench_on_robot)
     if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():
         raise ValueRangeError(
             f"wrench_on_robot at {', '.join(wrench_on_robot or ())}: give each frame one wrench (m, f) of six finite numbers."

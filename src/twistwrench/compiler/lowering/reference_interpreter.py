@@ -75,12 +75,15 @@ def evaluated(
 
 
 def batch_shape(arrays: Sequence[Any], program: Program) -> tuple[int, ...]:
-    """Broadcast shape of the batch axes. Raises ValueError if they do not broadcast."""
+    """Broadcast shape of the batch axes. Raises ValueError if they do not broadcast, or are more than NumPy broadcasts."""
     shapes = []
     for array, port in zip(arrays, program.inputs, strict=True):
         batch_axes = array.ndim - len(port.shape)
         shapes.append(array.shape[:batch_axes])
-    return np.broadcast_shapes(*shapes)
+    try:
+        return np.broadcast_shapes(*shapes)
+    except RuntimeError as too_many_axes:
+        raise ValueError(str(too_many_axes)) from None
 
 
 def last_uses(program: Program) -> dict[int, list[int]]:

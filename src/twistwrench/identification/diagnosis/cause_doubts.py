@@ -91,7 +91,7 @@ def doubt_of_cause(names: Sequence[str], cause: FoundCause, taken_off: float | N
     found = {
         "value": value,
         "interval": interval,
-        "unit": row.unit,
+        "unit": cause.unit,
         "statistic": cause.S,
         "share": largest_share,
         "effect": cause.effect,
@@ -116,18 +116,23 @@ def _level_of_row(row: DoubtKind, effect_level: Level) -> Level:
     return row.level
 
 
+_UNIT_WORDS = {"deg": "degrees"}
+"""Units that sentences spell out."""
+
+
 def _words(names: Sequence[str], cause: FoundCause) -> dict[str, str]:
     """Words for the fields of the sentence about a cause; fields without a value are empty."""
     words = {
         "evidence": _evidence(names, cause),
         "gravity": ", ".join(number(x, 4) for x in cause.fit.states.gravity),
         "taken": "The command identify takes it off.",
-        **dict.fromkeys(("value", "interval", "from_", "to", "size", "way"), ""),
+        **dict.fromkeys(("value", "interval", "displacement", "from_", "to", "size", "way"), ""),
     }
     value, interval = cause.value_and_interval
     if value is not None:
         is_delay = cause.kind == "late"  # its sentence has a direction instead of a sign
         words["value"] = number(abs(value) if is_delay else value, 3)
+        words["displacement"] = f"{words['value']} {_UNIT_WORDS.get(cause.unit, cause.unit)}"
         words["way"] = "after" if value > 0 else "before"
     if interval is not None:
         low, high = interval

@@ -24,6 +24,7 @@ Both causes and laws use the fitted torque, not the measured one, which contains
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -32,10 +33,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.doubts import doubt_table
 from ...core.typing import Array
 from ...mechanics.bodies.inertia import SpatialInertia
 from ...mechanics.lie import so3
-from ...mechanics.model.model import BASE
+from ...mechanics.model.model import BASE, Model
 from ..parameters import turning_joints
 from .log_states import PORTION, LogStates
 
@@ -604,8 +606,21 @@ def runs(time: Array, piece: Array, is_high: Array) -> list[tuple[int, int]]:
     return list(zip(first_rows[is_long].tolist(), (last_rows[is_long] + 1).tolist(), strict=True))
 
 
-def value_with_interval(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, float]]:
-    """Value β (k,) and its interval of half-widths ``half`` (k,), in the unit of the table.
+def unit_of_value(kind: str, joints: Sequence[int], model: Model) -> str:
+    """Unit of the value of a cause: of the table of doubts, but millimetres for displacements of sliding joints.
+
+    No ``joints`` are all joints.
+    """
+    turning = turning_joints(model)
+    if joints:
+        turning = turning[list(joints)]
+    if kind not in _DISPLACEMENTS or turning.all():
+        return doubt_table()[kind].unit
+    return "rad or m" if turning.any() else "mm"
+
+
+def value_with_interval(kind: str, value: Array, half: Array, unit: str) -> tuple[float, tuple[float, float]]:
+    """Value β (k,) and its interval of half-widths ``half`` (k,), in the unit by :func:`unit_of_value`.
 
     If β is a vector, the value is its magnitude.
     """
@@ -617,14 +632,20 @@ def value_with_interval(kind: str, value: Array, half: Array) -> tuple[float, tu
             direction = value / size
     half_width = float(np.sqrt(((direction * half) ** 2).sum()))
     to_unit = _TO_UNITS.get(kind, float)
+    if kind in _DISPLACEMENTS:
+        factor = _DISPLACEMENTS[kind] * _PER_RADIAN_OR_METRE[unit]
+        to_unit = partial(operator.mul, factor)
     bounds = [float(to_unit(size - half_width)), float(to_unit(size + half_width))]
     low, high = sorted(bounds)  # some conversions decrease
     return float(to_unit(size)), (low, high)
 
 
+_DISPLACEMENTS = {"elasticity": 1.0, "zero-change": 1.0, "backlash": 2.0}
+"""Causes whose value is a displacement of joints, with its ratio to β [rad or m]."""
+_PER_RADIAN_OR_METRE = {"deg": float(np.degrees(1.0)), "mm": 1e3, "rad or m": 1.0}
+"""Units of displacements, in a radian or a metre."""
 _TO_UNITS: Mapping[str, Callable[[float], float]] = {  # functions of β, by kind; β itself for others
-    **dict.fromkeys(("zero", "tilt", "elasticity", "zero-change"), np.degrees),
-    "backlash": lambda half: 2.0 * np.degrees(half),
+    **dict.fromkeys(("zero", "tilt"), np.degrees),
     **dict.fromkeys(("late", "late-change", "late-joint"), lambda seconds: 1e3 * seconds),
     "gain-change": lambda share: 1.0 + share,
     "low-pass": lambda seconds: 1.0 / (2.0 * np.pi * max(seconds, 1e-9)),

@@ -159,12 +159,17 @@ class FoundCause:
         return int(explained_shares.argmax()), float(explained_shares.max())
 
     @property
+    def unit(self) -> str:
+        """Unit of the value: degrees or mm, ms, Hz or per cent; empty for factors of gains."""
+        return causes.unit_of_value(self.kind, self.joints, self.fit.states.base.unknown.model)
+
+    @property
     def value_and_interval(self) -> tuple[float | None, tuple[float, float] | None]:
-        """Value and 95 % interval in the unit of the table: degrees, ms, Hz or per cent; factors for gains."""
+        """Value and 95 % interval in the cause's unit."""
         if self.value is None or self.deviation is None:
             return self.number, None
         t = float(student_quantile(max(1.0, len(self.fit.blocks) - 1.0), 0.95))
-        return causes.value_with_interval(self.kind, self.value, t * self.deviation)
+        return causes.value_with_interval(self.kind, self.value, t * self.deviation, self.unit)
 
 
 @dataclass(frozen=True)

@@ -318,6 +318,8 @@ def jump_of(positions: Array) -> int | None:
     k = int(departures.argmax())
     beside_jump = slice(max(0, k - _STEPS_BESIDE_JUMP), k + _STEPS_BESIDE_JUMP + 1)
     other_departures = np.delete(departures, beside_jump)
+    if not other_departures.size:
+        return None
     if departures[k] < _MIN_RATIO_TO_USUAL * np.sqrt((other_departures**2).mean()):
         return None
     if departures[k] < _MIN_RATIO_TO_SECOND * other_departures.max():

@@ -42,7 +42,7 @@ def gain_of_all(fit: FittedLog) -> list[Doubt]:
     torques_of_file = fit.W @ base.project(base.unknown.file_values) - held_torques
     rms = np.sqrt((fit.tau**2).mean(axis=0))
     sigma = np.maximum(rms, 1e-300)  # 1e-300: a column may be zero
-    drives = fit.W[:, :, base.drives]
+    drives = fit.drive_columns
     file_and_drives = np.concatenate([torques_of_file[..., None], drives], axis=2)
     coefficients, square_sum = _least_squares(fit, file_and_drives, sigma)
     _, square_sum_of_drives = _least_squares(fit, drives, sigma)

@@ -182,8 +182,8 @@ def _missing_link(fit: FittedLog) -> list[Doubt]:
     """Doubt about a fixed link of the file without which the residual is far smaller, so that the robot does not carry it."""
     base = fit.base
     model = base.unknown.model
-    drive_columns = fit.W[:, :, base.drives].reshape(fit.tau.size, len(base.drives))
-    Q, _ = np.linalg.qr(drive_columns)
+    drive_columns = fit.drive_columns
+    Q, _ = np.linalg.qr(drive_columns.reshape(fit.tau.size, drive_columns.shape[2]))
 
     def squared_residual(values: Array) -> float:
         """Squares of the residual with given bodies and free drives."""

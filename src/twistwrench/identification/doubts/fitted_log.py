@@ -66,6 +66,12 @@ class FittedLog:
         return np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
 
     @property
+    def drive_columns(self) -> Array:
+        """(m, nv, k) columns of the drives' parameters, also of motor inertias in groups of bodies."""
+        is_drive = self.base.unknown.of_bodies < 0
+        return self.W @ self.base.grouping[:, is_drive]
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the joints."""
         return self.base.unknown.model.velocity_names

@@ -194,10 +194,11 @@ def _length(x: Array) -> Array:
 
 
 def _unit_and_length(x: Array) -> tuple[Array, Array]:
-    """Unit vector along x, zero for x = 0, and the length of x."""
+    """Unit vector along x, zero for x = 0, and the length of x; x itself if its length is infinite or not a number."""
     length = _length(x)
-    nonzero_length = np.where(length == 0, 1.0, length)
-    return x / nonzero_length[..., None], length
+    has_direction = (length > 0) & np.isfinite(length)
+    divisor = np.where(has_direction, length, 1.0)
+    return x / divisor[..., None], length
 
 
 def _axis(axis_half: Array, origin_half: Array, what: str) -> Axis:

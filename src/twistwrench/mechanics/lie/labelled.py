@@ -17,9 +17,9 @@ from .adjoint import Ad, ad
 
 
 def frame_name(name: object, role: str) -> str:
-    """Return the name of a frame; raises FrameError unless it is a text that is not empty. ``role`` names it in the message."""
-    if not isinstance(name, str) or not name:
-        raise FrameError(f"{role} is {name!r}; a frame's name is a text that is not empty, such as 'b' or 'tool0'.")
+    """Return the name of a frame; raises FrameError unless it is a text that is not blank. ``role`` names it in the message."""
+    if not isinstance(name, str) or not name.strip():
+        raise FrameError(f"{role} is {name!r}; a frame's name is a text that is not blank, such as 'b' or 'tool0'.")
     return name
 
 

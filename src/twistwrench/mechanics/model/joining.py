@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ...core.errors import FrameError, ModelError, UnknownNameError
 from ...core.text import argument, in_the_shell, listed
 from ...core.typing import Array
+from ..lie import se3
 from .actuators import Actuator
 from .assembly import ROOT_JOINT, Additions
 from .couplings import Coupling
@@ -142,20 +143,24 @@ def with_free_base(model: Model) -> Model:
 
 
 def _without_locked_root(parts: ModelParts) -> ModelParts:
-    """Parts without the world and its joint, if this joint was a floating base and is locked at the origin."""
+    """Parts without the world and its joint, if this joint was a floating base and is locked.
+
+    Gravity is then in the axes of the base.
+    """
     world = parts.root
     root_joints = [joint for joint in parts.joints if joint.parent == world]
     world_has_mass = parts.links[world].inertia.mass != 0.0
     if len(root_joints) != 1 or world_has_mass:
         return parts
     (root_joint,) = root_joints
-    is_at_origin = np.array_equal(root_joint.placement, np.eye(4))
-    if root_joint.name != ROOT_JOINT or not root_joint.fixed or not is_at_origin:
+    if root_joint.name != ROOT_JOINT or not root_joint.fixed:
         return parts
+    base_pose = root_joint.placement  # in the world
+    parts.gravity = base_pose[:3, :3].T @ parts.gravity
     del parts.links[world]
     for name, site in parts.additions.sites.items():
         if site.link == world:
-            parts.additions.sites[name] = replace(site, link=root_joint.child)
+            parts.additions.sites[name] = replace(site, link=root_joint.child, pose=se3.inverse(base_pose) @ site.pose)
     parts.joints = [joint for joint in parts.joints if joint is not root_joint]
     parts.root = root_joint.child
     return parts
