@@ -68,8 +68,9 @@ class HybridMotionForce:
             )
         names = self.closed.row_names
         if not callable(self.motion):
-            given = arguments.value_text(self.motion)
-            raise ValueRangeError(f"HybridMotionForce: motion is {given}, and must be a law of (t, q, dq).")
+            raise ValueRangeError(
+                f"HybridMotionForce: motion is {arguments.value_text(self.motion)}, and must be a law of (t, q, dq)."
+            )
         force = self.force
         if not callable(force):
             argument_name = f"HybridMotionForce: force (one for each of {', '.join(names)})"

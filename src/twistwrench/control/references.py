@@ -53,8 +53,10 @@ class PoseMotion:
 
     def __post_init__(self) -> None:
         if not isinstance(self.path, PosePath):
-            given = arguments.value_text(self.path)
-            raise ValueRangeError(f"PoseMotion: the path is {given}. Take tw.trajectories.screw_path or straight_path.")
+            raise ValueRangeError(
+                f"PoseMotion: the path is {arguments.value_text(self.path)}. Take tw.trajectories.screw_path or "
+                "straight_path."
+            )
         _require_one_argument(self.scaling, "PoseMotion: the scaling")
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:

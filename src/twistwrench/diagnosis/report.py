@@ -401,12 +401,16 @@ def _source_text(subject: Subject) -> str:
     return "the text given" if subject.text else subject.robot.model.name
 
 
+_EFFECT_DIGITS = 6
+"""Decimals of a percentage that are no rounding errors."""
+
+
 def _rank(finding: Finding) -> tuple[int, float]:
     """Sort key of the report: by severity, worst first, then by effect, largest first; of equal ones, in the file's order."""
     effect = finding.effect
     severity_rank = list(Severity).index(finding.severity)
     largest_percentage = max(effect.inertia_percent, effect.effort_percent)
-    return severity_rank, -float(f"{largest_percentage:.6g}")  # without rounding errors
+    return severity_rank, -round(largest_percentage, _EFFECT_DIGITS)
 
 
 complete(globals())  # docstrings get the entries of arguments that several functions share
