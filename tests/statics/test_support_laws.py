@@ -173,3 +173,17 @@ def test_a_caster_slides_though_no_friction_of_the_wheels_helps():
     )
     found = statics.hold([0, 100, -30, 0, -30, -100], [wheel, *casters])
     assert np.isinf(found.friction[0]) and found.how[0] == "slips"
+
+
+def test_a_body_on_casters_holds_its_weight_at_rest_and_no_motion_along_the_ground():
+    """Speeds above zero need forces along the ground, which casters lack: both margins are zero, and never NaN."""
+    rng = np.random.default_rng(3)
+    casters = [statics.Contact(point, friction=0.0) for point in ((0.3, 0.25, 0), (0.28, -0.26, 0), (-0.33, 0.03, 0))]
+    weight, rows = 230.0, 200
+    x, y = rng.uniform(-0.08, 0.08, (2, rows))  # of the centre of mass, above the triangle of the casters
+    zeros = np.zeros(rows)
+    at_rest = np.stack([-weight * y, weight * x, zeros, zeros, zeros, zeros - weight], axis=1)
+    found = statics.hold(at_rest + rng.uniform(-30, 30, (rows, 6)), casters, at_rest=at_rest)
+    assert not found.holds.any()
+    assert_allclose(found.speed, 0.0, atol=1e-6)
+    assert_allclose(found.slowest, 0.0, atol=1e-6)

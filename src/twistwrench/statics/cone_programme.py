@@ -229,7 +229,8 @@ class _Simplex:
         is_unbounded = np.zeros(len(self.b), bool)
         if self.sense:
             is_unbounded = self._improve(np.flatnonzero(is_feasible & self.settled), phase=2)
-        s = np.where(self.kind == self.growth, self.x, 0.0).sum(axis=1)  # at most one column is the growth
+        growth = np.where(self.kind == self.growth, self.x, 0.0).sum(axis=1)  # at most one column is the growth
+        s = np.maximum(growth, 0.0)  # rounding errors may be below zero
         s = np.where(is_unbounded, np.inf, s)
         s = np.where(is_feasible, s, np.nan)
         prices = self.prices[:, : self.equation_count]
