@@ -48,6 +48,19 @@ def test_a_row_that_was_taken_early_is_on_its_path():
     assert contradictions(START + s[:, None] * (END - START), t) == ()
 
 
+def test_a_joint_that_is_much_faster_than_the_others_is_wrong_alone():
+    """Any deviation of the fastest joint fits some delay of the stamp; only the slower ones tell a wrong stamp from it."""
+    travel = (END - START) * np.where(np.arange(7) == 2, 1.0, 0.15)
+    wrong_position = START + SHARE[:, None] * travel
+    wrong_position[200, 2] += 0.1
+    (said,) = contradictions(wrong_position)
+    assert said.startswith("panda_joint3 leaves its path by 5.7")
+    stamp = T.copy()
+    stamp[200] -= 0.002  # the positions are those of 1 s
+    (said,) = contradictions(START + SHARE[:, None] * travel, stamp)
+    assert "the time stamp of 1 row is 0.002 s early" in said
+
+
 MEANT = {
     "clean": CLEAN,
     "noise": CLEAN + 1e-4 * np.random.default_rng(1).normal(size=CLEAN.shape),

@@ -29,6 +29,8 @@ OVERLAP = 6
 """Number of rows shared by consecutive portions: each row is tested once, with two e on either side."""
 _MAX_REMAINDER = 0.25
 """Largest remainder of d after subtracting a delay, relative to the row's largest d, for a wrong stamp."""
+_MAX_DIFFERENCE_OF_DELAYS = 0.5
+"""Largest difference of the delay that the other joints show from that of all joints, relative to it, for a wrong stamp."""
 _MIN_MOVING_SPEED = 0.05
 """Smallest speed of a moving joint, relative to the fastest joint."""
 
@@ -123,12 +125,23 @@ class SingleRowGlitches:
 def _stamp_delay(d: Array, speeds: Array) -> float:
     """Delay of a row's stamp [s] if the joints leave their paths by d (k,) in proportion to their speeds (k,); else 0.
 
-    It is the least-squares solution of d = -delay * speeds.
+    It is the least-squares solution of d = -delay * speeds. The joint with the largest d agrees with any delay, so the others
+    must show the same one.
     """
     is_moving = np.abs(speeds) > _MIN_MOVING_SPEED * np.abs(speeds).max(initial=0.0)
-    if is_moving.sum() < 2:  # any d of a single joint is in proportion to its speed
+    is_other = is_moving.copy()
+    is_other[np.abs(d).argmax()] = False
+    if not is_other.any():
         return 0.0
-    advance = float(d @ speeds) / float(speeds @ speeds)  # -delay
-    if np.abs(d - advance * speeds).max() < _MAX_REMAINDER * np.abs(d).max():
-        return -advance
+    delay = _least_squares_delay(d, speeds)
+    delay_of_others = _least_squares_delay(d[is_other], speeds[is_other])
+    if abs(delay_of_others - delay) > _MAX_DIFFERENCE_OF_DELAYS * abs(delay):
+        return 0.0
+    if np.abs(d + delay * speeds).max() < _MAX_REMAINDER * np.abs(d).max():
+        return delay
     return 0.0
+
+
+def _least_squares_delay(d: Array, speeds: Array) -> float:
+    """Delay [s] that minimises the sum of squares of d + delay * speeds."""
+    return -float(d @ speeds) / float(speeds @ speeds)
