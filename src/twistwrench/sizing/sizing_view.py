@@ -73,7 +73,9 @@ def sizing_view(sizing: Sizing) -> Iterator[Block]:
     )
     if sizing.left_out:
         yield Line((f"Not sized, for it does not turn or has no drive: {', '.join(sizing.left_out)}.", Style.QUIET))
-    yield Line(("Electronics, iron losses and bearing moments of gears are not counted.", Style.QUIET))
+    yield Line(
+        ("Electronics and iron losses are not counted, nor bearings without limits in the catalogue.", Style.QUIET)
+    )
     yield from _notes(sizing)
 
 
