@@ -307,6 +307,7 @@ def test_a_cup_is_pulled_off_where_no_friction_would_help_and_slips_where_it_wou
     ("options", "words"),
     [
         ({"grip": "60,0.5"}, "holds the payload, and there are 0"),
+        ({"cup": "60,0.5", "payload": 0}, "holds the payload, and its mass is 0. Give one with a mass"),
         ({"grip": "60", "payload": 1}, "FORCE,FRICTION"),
         ({"grip": {"force": 60}, "payload": 1}, "lacks 'friction'"),
         ({"grip": {"force": 60, "friction": 0.5, "thumb": 1}, "payload": 1}, "thumb"),

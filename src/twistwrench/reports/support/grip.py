@@ -97,9 +97,11 @@ class Holder:
 
 def _payload(kind: Kind, load: LoadCase) -> Payload:
     """Payload of a load case; raises ValueRangeError unless there is exactly one, with a mass."""
-    if len(load.payloads) != 1 or not load.payloads[0].mass:
+    count = len(load.payloads)
+    if count != 1 or not load.payloads[0].mass:
+        problem = "its mass is 0" if count == 1 else f"there are {count}"
         raise ValueRangeError(
-            f"{{0}} holds the payload, and there are {len(load.payloads)}. Give one, {{1}}.",
+            f"{{0}} holds the payload, and {problem}. Give one with a mass, {{1}}.",
             Argument(kind),
             Argument("payload", 1.0),
         )
