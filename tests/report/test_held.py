@@ -271,6 +271,22 @@ def test_a_grip_beside_and_above_its_hand_holds_the_weight_and_the_pull_inward()
     assert_allclose(found.needed, 200.0 * force_shares(wrench, found.holder.contacts)[0], rtol=1e-6)
 
 
+def test_the_time_of_a_needed_force_that_no_cup_has_is_that_of_its_instant():
+    """A cup without friction pulls at the weight until the turntable starts at 0.45 s; then no force holds the load inward."""
+    robot = tw.load(TURNTABLE).with_gravity((0, 0, 9.81))
+    time = np.linspace(0.0, 1.0, 11)
+    started = np.maximum(time - 0.45, 0.0)
+    columns = (2.0 * started**2, 4.0 * started, 4.0 * (started > 0))
+    answer = tw.check(
+        robot, tw.Motion(time, *(x[:, None] for x in columns), robot=robot), payload="2@hand", cup="200,0@hand"
+    )
+    assert_allclose(answer.grip_force, np.where(started > 0, np.inf, 2.0 * 9.81), rtol=1e-6)
+    assert "slips on the cup at t = 0.500 s: no force holds it" in answer.headline
+    (grip,) = (table for table in answer.to_dict()["tables"] if table["title"] == "Grip")
+    (row,) = grip["rows"]
+    assert row[[column["name"] for column in grip["columns"]].index("when")] == 0.5
+
+
 def test_a_cup_that_holds_from_above_pulls_with_the_weight():
     robot = tw.robots.ur5()
     rows = 8

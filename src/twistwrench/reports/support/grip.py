@@ -232,13 +232,12 @@ class GripSupport:
 
     def table(self) -> Table:
         """Table of the forces that the payload needs."""
-        finite_forces = np.where(np.isfinite(self.needed), self.needed, -1.0)  # infinite ones never the largest
-        k = int(finite_forces.argmax())
+        k = int(self.needed.argmax())
         return Table(
             "Grip",
             words("holder", [self.holder.kind]),
             words("frame", [self.holder.frame]),
-            numbers("needed", [float(self.needed.max(initial=0.0))], unit="N"),
+            numbers("needed", [float(self.needed[k])], unit="N"),
             numbers("when", [float(self.time[k])], seconds, "s"),
             numbers("given", [self.holder.force], unit="N"),
             numbers("friction\nneeded", [float(self.support.friction.max(initial=0.0))]),
