@@ -427,6 +427,13 @@ def test_turning_fingers_are_remarked_and_fingers_that_a_wrench_loads_are_judged
     assert "not judged" not in str(tw.check("ur5", around_the_peak(), payload=5, grip="200,0.5"))
 
 
+def test_limits_of_fingers_stand_in_the_order_of_their_names(tmp_path):
+    robot, motion = with_gripper(tmp_path, "prismatic")
+    limits = {"left_drive": 290.0, "right_drive": 170.0}
+    answer = tw.check(robot, motion, payload={"palm": 1.0}, grip="60,0.5@palm", limits=limits)
+    assert "drives of left_drive, right_drive (290 N, 170 N) are not judged" in " ".join(str(answer).split())
+
+
 @pytest.mark.parametrize("kind", ["prismatic", "revolute"])
 @pytest.mark.parametrize("frame", ["palm", "left", "right"])
 def test_a_finger_that_follows_has_the_limit_of_its_own_drive(tmp_path, kind, frame):

@@ -29,10 +29,13 @@ class FingerDrives:
         """Sentence on drives that are not judged for a grip force [N]; empty without any."""
         if not self.joints:
             return ""
-        limits: set[str] = set()
-        for effort, turning in zip(self.efforts, self.turning, strict=True):
-            limits.add(f"{number(effort)} {unit_of('tau', turning)}")
-        drives = f"{listed(self.joints)} ({', '.join(sorted(limits))})"
+        limits = [
+            f"{number(effort)} {unit_of('tau', turning)}"
+            for effort, turning in zip(self.efforts, self.turning, strict=True)
+        ]
+        if len(set(limits)) == 1:
+            limits = limits[:1]
+        drives = f"{listed(self.joints)} ({listed(limits)})"  # limits in the order of the joints
         clause = f"not judged for the grip force of {number(force)} N"
         if len(self.joints) == 1:
             return f"the drive of {drives} is {clause}"
