@@ -412,6 +412,7 @@ def test_fingers_weaker_than_the_grip_force_make_the_answer_unsure(tmp_path, fra
         remark = f"drives of left_drive, right_drive (100 N) are not judged for the grip force of {force} N"
         assert remark in " ".join(str(answer).split())
         assert ("above the limit of a sliding finger" in answer.headline) == (word == "UNSURE")
+        assert answer.verdict.remedies == (("limits='limits.csv'",) if word == "UNSURE" else ())
     stronger = {"left_drive": 500.0, "right_drive": 500.0}
     assert tw.check(robot, motion, payload={frame: 1.0}, grip=f"160,0.5@{frame}", limits=stronger).verdict.ok
 

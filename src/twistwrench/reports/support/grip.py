@@ -16,7 +16,7 @@ from ...core.errors import UnknownNameError, ValueRangeError
 from ...core.numbers import number, rounded_down, seconds
 from ...core.text import Argument, spell
 from ...core.typing import Array
-from ...core.verdict import Verdict
+from ...core.verdict import Reason, Verdict
 from ...mechanics.lie import se3
 from ...statics.contacts import Contact, tangents
 from ...statics.feet import patch
@@ -179,9 +179,8 @@ class GripSupport:
             unsure_reasons.append(f"rounding prevents an answer on the grip at {undecided_count} instants")
         if self.fingers.are_weaker(self.holder.force):
             limits = spell(Argument("limits", "limits.csv"))
-            unsure_reasons.append(
-                f"{self._finger_remark}, which is above the limit of a sliding finger. Give less, or its limit by {limits}"
-            )
+            text = f"{self._finger_remark}, which is above the limit of a sliding finger. Give less, or its limit by {limits}"
+            unsure_reasons.append(Reason(text, limits))
         return Verdict.from_reasons(over=over_reasons, unsure=unsure_reasons)
 
     def _failure(self, is_failure: Array) -> str:
