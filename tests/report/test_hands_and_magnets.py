@@ -112,3 +112,20 @@ def test_magnets_and_cups_hold_up_to_their_force(normal, points):
     ok, over = (tw.check(robot, motion, feet=contacts(f * high), limits=limits(robot)) for f in (1.01, 0.99))
     assert ok.verdict.word == "OK" and ok.support.in_contact.all()
     assert over.headline.startswith(("OVER LIMIT: pulls off at base", "OVER LIMIT: slips at base"))
+
+
+def test_a_log_of_the_joints_alone_leaves_a_robot_on_magnets_where_it_is(tmp_path):
+    """Nothing stands on a foot, and there are no wheels: the note says what is taken."""
+    robot = tw.load(_CRAWLER)
+    time = np.linspace(0, 1, 21)
+    angle = 0.1 * np.sin(np.pi * time) ** 2
+    log = tmp_path / "log.csv"
+    np.savetxt(log, np.column_stack([time, angle]), "%.9f", ",", header="time [s],j", comments="")
+    magnets = [
+        statics.Contact((x, y, 0.05), (0, 0, -1), friction=0.5, pull=200.0, frame="base")
+        for x in (-0.2, 0.2)
+        for y in (-0.15, 0.15)
+    ]
+    answer = tw.check(robot, log, feet=magnets, limits=limits(robot))
+    assert "The pose of the base is constant, as no foot shows how it moves." in answer.to_dict()["notes"]
+    assert np.ptp(answer.motion.q[:, :7], axis=0).max() == 0.0

@@ -111,11 +111,11 @@ def standing_log(log: MotionLog, held_robot: Robot, free_robot: Robot, ground: G
     file = ArrayFile.from_table(log.path, header, table, table.nbytes)
     log_with_base = MotionLog.open(file, free_robot.model, plan=log.plan)
     standing_frames = [frame for k, frame in enumerate(soles) if is_standing[:, k].any()]
-    resting_frames = "wheels"
+    base_note = "The pose of the base is constant, as no foot shows how it moves."
     if standing_frames:
         resting_frames = listed(standing_frames, _MAX_LISTED_FRAMES)
-    note = ReadingNote(f"The pose of the base is that in which these stay where they are: {resting_frames}.")
-    columns = replace(log_with_base.columns, notes=(*log.notes, note))
+        base_note = f"The pose of the base is that in which these stay where they are: {resting_frames}."
+    columns = replace(log_with_base.columns, notes=(*log.notes, ReadingNote(base_note)))
     kinds_with_base = {doubt.kind for doubt in log_with_base.doubts()}
     doubts_of_source = tuple(doubt for doubt in log.doubts() if doubt.kind not in kinds_with_base)
     return replace(log_with_base, columns=columns, of_source=doubts_of_source, locked=log.locked, unused=log.unused)
