@@ -43,6 +43,11 @@ def test_a_robots_table_has_its_joints_and_limits():
     assert "shoulder_pan_joint" in found and "150" in found and len(found) == 6 * 9
 
 
+def test_the_title_of_a_robot_with_several_ends_says_that_it_has_no_tip():
+    dog = tw.robots.quadruped()
+    assert dog.tip is None and "tip none" in dog._repr_html_() and "None" not in dog._repr_html_()
+
+
 def test_names_are_text_and_never_markup():
     text = tw.robots.path_of("pendulum").read_text("utf-8")
     name = tw.robots.pendulum().joint_names[0]

@@ -50,7 +50,7 @@ def html_summary(robot: Robot) -> str | None:
     if robot.constraints:
         return None
     mass = number(robot.model.moving_mass)
-    title = f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {mass} kg moving, tip {robot.tip}"
+    title = f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {mass} kg moving, tip {robot.tip or 'none'}"
     if robot.defects:
         title += f", {len(robot.defects)} defects"
     heads = [name.replace("_", " ") for name in _NOTEBOOK_COLUMNS]
