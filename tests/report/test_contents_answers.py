@@ -100,6 +100,12 @@ def test_the_demo_log_is_described_alike():
     assert len(str(report).splitlines()) <= 45
 
 
+@pytest.mark.parametrize(("head", "counted"), [("time,x", "1 row in 0 s"), ("x,y", "1 row, no column of time")])
+def test_a_single_row_is_counted_in_the_singular(head, counted, tmp_path):
+    (tmp_path / "log.csv").write_text(f"{head}\n0.5,1.5\n")
+    assert counted in str(tw.check_log(tmp_path / "log.csv"))
+
+
 def test_what_a_file_leaves_out_is_a_remark(tmp_path):
     (tmp_path / "log.csv").write_text("time,x,state\n" + "".join(f"{k / 10},{k % 7},run\n" for k in range(40)))
     report = tw.check_log(tmp_path / "log.csv")

@@ -135,10 +135,11 @@ def log_view(quality: LogQuality) -> Iterator[Block]:
 
 def _clock_text(quality: LogQuality) -> str:
     """Number of rows, duration and rate of the log, and irregular steps."""
+    rows = "1 row" if quality.rows == 1 else f"{quality.rows} rows"
     if not quality.time:
-        return f"{quality.rows} rows, no column of time"
+        return f"{rows}, no column of time"
     duration, rate = number(quality.seconds), number(quality.rate)
-    parts = [f"{quality.rows} rows in {duration} s, {rate} Hz by the usual step"]
+    parts = [f"{rows} in {duration} s, {rate} Hz by the usual step"]
     relative_jitter = quality.jitter * quality.rate
     if math.isfinite(quality.jitter) and relative_jitter > _MIN_JITTER:
         parts.append(f"steps vary by {percent(relative_jitter, 2)}")
