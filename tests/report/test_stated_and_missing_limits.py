@@ -717,3 +717,10 @@ def test_the_message_of_doubted_efforts_names_the_header_that_confirms_them(run,
     for header, expected in (("effort", 1), (f"effort [{unit}]", 0)):
         (tmp_path / "limits.csv").write_text(table.replace(",effort,", f",{header},"))
         assert run("doctor", "robot.urdf", "--only", "placeholder-limits", "--limits", "limits.csv")[0] == expected
+
+
+def test_a_motor_of_unknown_limit_that_needs_no_torque_is_a_motor():
+    """Without gravity an arm at rest needs no torque, so that its unknown limits leave no doubt; but it has motors."""
+    text = re.sub(r' effort="[^"]*"', "", arm())
+    answer = tw.check(tw.load(text, gravity=(0, 0, 0)), at=[0.3, 0.2])
+    assert answer.headline.startswith("OK: all limits kept. No joint has a motor with a known limit.")

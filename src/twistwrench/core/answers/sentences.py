@@ -51,7 +51,7 @@ SENTENCES = MappingProxyType(
         "sure": " ± {share} (95 %)",
         "smoothed": "Without smoothing, noise would take {joints} over a limit",
         "no torque": "all limits kept. No joint needs a torque",
-        "no motor": "all limits kept. No joint has a motor",
+        "no motor": "all limits kept. No joint has a motor with a known limit",
         "margin": "Maximum payload on this path: {mass} kg at {frame} (limit of {joint} at t = {time} s).",
         "margin alone": "Maximum payload on this path by joint torques alone: {mass} kg at {frame} (limit of {joint} at "
         "t = {time} s).",
