@@ -122,6 +122,13 @@ def test_a_dog_on_a_slope_is_unsure_and_one_that_lifts_a_foot_is_not_asked():
     assert_allclose([float(x) for x in proposed[1].split(",")], normal, atol=1e-3)
     found = tw.check(robot, sloped, **asked, contact_normal=normal)
     assert found.headline.startswith("OK: stands on a slope of 11.5°. It needs friction 0.21 (given 0.6)")
+    # Torques of instants without balance are of forces that do not exist: over no limit for certain, and the question stays.
+    enough = {j.joint: 1.05 * abs(j.largest) for j in found.joints if not j.joint.startswith("root")}
+    assert any(abs(j.largest) > enough.get(j.joint, np.inf) for j in answer.joints)
+    weak = tw.check(robot, sloped, **asked, limits=enough)
+    assert weak.headline.startswith("UNSURE: contacts stand at different heights")
+    assert any("as if the contacts stuck to the ground OVER LIMIT" in reason for reason in weak.verdict.reasons)
+    assert tw.check(robot, sloped, **asked, limits=enough, contact_normal=normal).verdict.ok
     q = level.q.copy()
     q[:, 8] += 0.3  # one knee bends: that foot is in the air
     lifted = tw.Motion(level.time, q, level.dq * 0, level.ddq * 0, robot=robot, in_seconds=True)

@@ -141,14 +141,23 @@ def _certain_excesses(
     """Excesses, with sentences, without doubts about their rows or, for loads, about what holds the robot."""
     doubted = doubted_excesses(report)
     open_joints = open_loop_joints(report.load.robot.model)
+    unbalanced_times = _unbalanced_times(report)
     certain = []
     for e, text in excesses:
-        load_is_doubted = loads_doubted or e.joint in open_joints
+        load_is_doubted = loads_doubted or e.joint in open_joints or e.time in unbalanced_times
         if e.kind in _LOAD_KINDS and load_is_doubted:
             continue
         if (e.joint, e.kind) not in doubted:
             certain.append((e, text))
     return certain
+
+
+def _unbalanced_times(report: TorqueReport) -> Array:
+    """Times (k,) at which no forces of the ground balance the robot, so that its torques are of forces that do not exist."""
+    support = report.held.support
+    if support is None:
+        return np.zeros(0)
+    return np.asarray(support.time[support.aground & ~support.balanced])
 
 
 def _doubtful_excess(report: TorqueReport, excess: str, *, hanging: bool) -> str:
@@ -157,6 +166,8 @@ def _doubtful_excess(report: TorqueReport, excess: str, *, hanging: bool) -> str
         return f"{condition_of_excesses(report)} {Word.OVER_LIMIT}: {excess}"
     if hanging:
         return hanging_excess(excess)
+    if len(_unbalanced_times(report)):
+        return f"as if the contacts stuck to the ground {Word.OVER_LIMIT}: {excess}"
     return open_loop_excess(excess)
 
 
