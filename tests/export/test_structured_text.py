@@ -254,6 +254,18 @@ def test_motor_torques_are_those_of_motor_loads(arm, friction, tmp_path):
     assert gap(found, arm.motor_loads(*given.values(), friction=friction).torque) < 1e-13
 
 
+@pytest.mark.parametrize("ratios", [(50, 30), (-50, 30), (50, -30), (-50, -30)])
+def test_no_load_torques_oppose_rotors_that_gears_turn_either_way(ratios, tmp_path):
+    drives = {
+        "actuators": {"joint1": {"ratio": ratios[0], "no_load_torque": "0.3 N m"}, "joint2": {"ratio": ratios[1]}}
+    }
+    arm = tw.robots.planar_2r().with_actuators(drives)
+    text = exported(arm, ["inverse_dynamics"], tmp_path, torque="motor")
+    given = states(arm, "q", "dq", "ddq")
+    found = as_python(text, *bodies(text), **columns(given))["tau"]
+    assert gap(found, arm.motor_loads(*given.values()).torque) < 1e-13
+
+
 def test_wrenches_and_gravity_reach_the_motors(tmp_path):
     wanted = ("inverse_dynamics", {"wrenches": ("tip",), "on_robot": ("tip",), "gravity": "input"})
     text = exported(ARM, [wanted], tmp_path, torque="motor", test=False)

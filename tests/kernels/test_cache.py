@@ -398,6 +398,27 @@ def test_a_file_that_may_not_grow_leaves_nothing_behind(place):
 
 
 @POSIX
+@pytest.mark.parametrize("mode", [0o620, 0o602, 0o666])
+def test_an_entry_others_can_write_to_is_not_run(place, mode):
+    """Code is executed from here, so that it belongs to this user is not enough."""
+    compile_form(PROGRAM, DOUBLE)
+    (entry,) = place.iterdir()
+    assert object_cache.load(entry.name) is not None
+    entry.chmod(mode)
+    assert object_cache.load(entry.name) is None
+
+
+@POSIX
+def test_an_entry_of_another_user_is_not_run(place, monkeypatch):
+    compile_form(PROGRAM, DOUBLE)
+    (entry,) = place.iterdir()
+    owner = os.getuid()
+    monkeypatch.setattr(object_cache, "folder", lambda: place)  # which is this user's
+    monkeypatch.setattr(os, "getuid", lambda: owner + 1)
+    assert object_cache.load(entry.name) is None
+
+
+@POSIX
 @pytest.mark.skipif(hasattr(os, "getuid") and os.getuid() == 0, reason="root writes wherever it likes")
 def test_a_folder_that_is_read_only_is_read(place):
     compile_form(PROGRAM, DOUBLE)

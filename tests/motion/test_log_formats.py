@@ -55,10 +55,14 @@ def write_hdf5(path):
 def write_parquet(path):
     pytest.importorskip("pyarrow")
     import pyarrow
+
+    write_table(pyarrow.table(columns() | {"mode": ["run"] * len(TIME)}), path)
+
+
+def write_table(table, path):
     import pyarrow.feather
     import pyarrow.parquet
 
-    table = pyarrow.table(columns() | {"mode": ["run"] * len(TIME)})
     (pyarrow.parquet.write_table if path.suffix == ".parquet" else pyarrow.feather.write_feather)(table, path)
 
 
@@ -100,6 +104,39 @@ def test_a_plain_array_is_told_by_columns(tmp_path):
     np.save(tmp_path / "log.npy", np.column_stack([TIME, Q]))
     told = {"time": "column1", "joint1": "column2", "joint2": "column3"}
     assert (tw.Motion.from_file(tmp_path / "log.npy", ARM, columns=told).q == Q).all()
+
+
+@pytest.mark.parametrize(
+    "filters",
+    [
+        {"compression": "gzip"}, {"compression": "gzip", "shuffle": True}, {"compression": "lzf"}, {"fletcher32": True},
+        {"compression": "lzf", "shuffle": True, "fletcher32": True},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_datasets_packed_by_filters_of_hdf5_are_read(filters, tmp_path):
+    with pytest.importorskip("h5py").File(tmp_path / "log.h5", "w") as file:
+        for name, values in {"time": TIME, "joint_states/position": Q, "joint_states/effort": TAU}.items():
+            file.create_dataset(name, data=values, chunks=True, **filters)
+    motion = tw.Motion.from_file(tmp_path / "log.h5", ARM)
+    assert (motion.q == Q).all() and (motion.tau == TAU).all()
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "feather"])
+@pytest.mark.parametrize("kind", ["timestamp", "timestamp with a zone", "duration"])
+def test_times_of_tables_are_stamps(kind, suffix, tmp_path):
+    """As pandas writes them: datetime64, with a zone, and Timedelta."""
+    pyarrow = pytest.importorskip("pyarrow")
+    types = {
+        "timestamp": pyarrow.timestamp("ns"), "timestamp with a zone": pyarrow.timestamp("us", "UTC"),
+        "duration": pyarrow.duration("ms"),
+    }  # fmt: skip
+    units = {"timestamp": 1e9, "timestamp with a zone": 1e6, "duration": 1e3}
+    stamps = np.round(TIME * units[kind]).astype(np.int64)
+    table = {"time": pyarrow.array(stamps).cast(types[kind])} | {n: v for n, v in columns().items() if n != "time"}
+    path = tmp_path / f"log.{suffix}"
+    write_table(pyarrow.table(table), path)
+    assert np.allclose(np.diff(tw.Motion.from_file(path, ARM).time), 0.01, atol=1e-12)
 
 
 # ── several files of one motion ──
