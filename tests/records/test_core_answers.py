@@ -51,7 +51,7 @@ NAMES = [
 
 def torques(**options):
     return Table(
-        "Torques of all joints [N m]",
+        "Torques of all joints",
         blocks.words("joint", NAMES),
         blocks.numbers("peak", [1.23456, -20.5, 3e6, 0.0, None, 5, np.int64(7), float("nan"), 9.125, 10.0], unit="N m", limits=[28, 150.0, 3, 4, float("inf"), 6, 7, 8, 9, 10]),
         Column("", SHARES, lambda share: Bar(share, "x" if share < 1 else "over") if share == share else "–", narrow=Column("share", SHARES, blocks.share_cell, unit="%")),
@@ -61,6 +61,7 @@ def torques(**options):
         blocks.words("", ["┃"] * 10, style=Style.QUIET),
         Column("glyphs", range(10), lambda k: Glyphs("▁▂▃"[k % 3], Style.NEAR)),
         styles=[Style.OVER if share > 1 else "" for share in SHARES],
+        unit="N m",
         **options,
     )  # fmt: skip
 

@@ -347,7 +347,7 @@ def fits_of_rows_and_laws():
     found["deviation"] = [
         cases["law"].law_deviation(2),
         cases["law"].law_deviation(1),
-        cases["law"].deviation(np.stack([law, other], axis=2)),
+        cases["plain"].deviation(np.stack([law, other], axis=2)),
     ]
     found["t"] = cases["law"].t_value(cases["plain"])
     fit = cases["plain"]

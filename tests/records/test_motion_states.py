@@ -299,21 +299,43 @@ def differentiated(log, robot=CRANE, **options):
     }  # fmt: skip
 
 
+def glitching():
+    """Positions with a spike."""
+    positions = LQ + NOISE
+    positions[45, 1] += 0.05
+    return positions
+
+
+def noisy_velocities():
+    exact = np.stack([0.6 * np.cos(2 * LT), 0.8 * LT, 1.5 + 0.1 * np.sin(4 * LT), 0.9 * np.sin(3 * LT)], 1)
+    return exact + 3 * NOISE
+
+
+@record(relative=2e-2)
+def deviations_of_smoothed_rates():
+    """Standard deviations of columns with hardly any noise follow from small differences."""
+    logs = {
+        "positions": log_of([LT, glitching()]),
+        "velocities": log_of([LT, LQ, noisy_velocities()], parts=("q", "dq")),
+    }
+    plans = {name: Differentiation.plan(log, CRANE.model, smoothing=True) for name, log in logs.items()}
+    return {
+        name: [plan.sigma_ddq, plan.sigma_dq, plan.sigma_at(next(iter(plan.states(20))))[3]]
+        for name, plan in plans.items()
+    }
+
+
 @record(relative=1e-5)
 def derived_rates_of_logs():
     noisy = LQ + NOISE
-    glitch = noisy.copy()
-    glitch[45, 1] += 0.05
     rest = noisy.copy()
     rest[:, 3] = np.where(LT < 0.3, 0.25, 0.25 + np.maximum(0, LT - 0.3) ** 2)
     paused = np.r_[LT[:50], LT[50:] + 0.4]
-    velocities = (
-        np.stack([0.6 * np.cos(2 * LT), 0.8 * LT, 1.5 + 0.1 * np.sin(4 * LT), 0.9 * np.sin(3 * LT)], 1) + 3 * NOISE
-    )
+    velocities = noisy_velocities()
     calls = []
     found = {
         "positions": differentiated(log_of([LT, noisy]), progress=calls.append),
-        "smoothed": differentiated(log_of([LT, glitch]), smoothing=True, progress=calls.append),
+        "smoothed": differentiated(log_of([LT, glitching()]), smoothing=True, progress=calls.append),
         "at rest, paused": differentiated(log_of([paused, rest])),
         "velocities": differentiated(log_of([LT, LQ, velocities], parts=("q", "dq"))),
         "velocities, smoothed": differentiated(log_of([LT, LQ, velocities], parts=("q", "dq")), smoothing=True),
@@ -321,6 +343,8 @@ def derived_rates_of_logs():
         "accelerations": differentiated(log_of([LT, LQ, 2 - velocities], parts=("q", "ddq"))),
         "few": [outcome(Differentiation.plan, log_of([LT[:n], LQ[:n]]), CRANE.model) for n in (1, 5)] + [outcome(Differentiation.plan, log_of([LT[:5], LQ[:5], LQ[:5]], parts=("q", p)), CRANE.model) for p in ("dq", "ddq")],
     }  # fmt: skip
+    for name in ("smoothed", "velocities, smoothed"):
+        del found[name]["plan"][4:6], found[name]["sigma"]  # deviations_of_smoothed_rates
     plan = Differentiation.plan(log_of([LT, noisy]), CRANE.model)
     found["with smoothing"] = [plan.with_smoothing().strengths, calls]
     raft = (

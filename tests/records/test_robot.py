@@ -870,7 +870,7 @@ def ways_to_derivatives_of_large_robots():
     arrays = [*rng.uniform(-0.6, 0.7, (3, 7)), rng.uniform(-3, 4, 6)]
     robot = tw.load(chain_text(7))
     found["groups"] = [group.places for group in form.groups]
-    found["length"] = len(program_of(form).instructions)
+    found["hundreds of instructions"] = len(program_of(form).instructions) // 100  # rounding makes some factors equal
     found["by columns"] = robot.forward_dynamics_derivatives(*arrays[:3], wrench_by_robot={"l4": arrays[3]})
     return found
 

@@ -134,6 +134,7 @@ def changed(content, other):
 def brief(result):
     """Rows, end, sums, works, counts, errors and events of a result, and what it says of itself."""
     is_iterated = result.method == "midpoint" or "variational" in result.method  # up to rounding errors
+    is_iterated |= result.method == "dopri5" and bool(result.events)  # as are the instants of events
     return [
         len(result),
         [result.times[-1], *result.q[-1], *result.dq[-1], *result.ddq[-1], *result.tau[-1]],

@@ -59,10 +59,12 @@ def compiled(call):
 
 
 def found_in(result):
+    has_roots = bool(result.events) and result.method != "semi_implicit"  # found up to rounding errors
+    evaluations = None if has_roots else result.evaluations
     return [
         [result.times[-1], *result.q[-1], *result.dq[-1], *result.ddq[-1], *result.tau[-1]],
         [result.times.sum(), *result.q.sum(axis=0), *result.dq.sum(axis=0), *result.ddq.sum(axis=0), *result.tau.sum(axis=0)],
-        [work[-1] for work in result.work.values()], [len(result), result.steps, result.rejected, result.evaluations],
+        [work[-1] for work in result.work.values()], [len(result), result.steps, result.rejected, evaluations],
         result.error_estimate, [f"{e} {e.q.sum():.5f} {e.dq.sum():.5f}" for e in result.events], result.stopped, result.remarks,
     ]  # fmt: skip
 

@@ -210,12 +210,16 @@ def _same_text(recorded: str, found: str, relative: float) -> bool:
     return all(_same_shown_number(a, b, relative) for a, b in pairs)
 
 
+def _digits_shown(number: str) -> int:
+    return len(number.partition("e")[0].strip("-0.").replace(".", ""))
+
+
 def _same_shown_number(a: str, b: str, relative: float) -> bool:
     x, y = float(a), float(b)
     if max(abs(x), abs(y)) < _ROUNDING_SHOWN:
         return True
     mantissa, _, exponent = a.partition("e")
-    if len(mantissa.strip("-0.").replace(".", "")) >= _ALL_DIGITS:
+    if max(map(_digits_shown, (a, b))) >= _ALL_DIGITS:
         return abs(x - y) <= relative * abs(x)
     decimals = len(mantissa.partition(".")[2])
     if len(b.partition("e")[0].partition(".")[2]) != decimals:

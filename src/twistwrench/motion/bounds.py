@@ -27,6 +27,17 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
+_EQUAL = 1e-9
+"""Relative difference up to which two values of a motion are equal but for rounding."""
+
+
+def first_largest(values: Array) -> Array:
+    """Row of the largest value in each column (n, ...); of values that are equal but for rounding, the first."""
+    largest = values.max(axis=0)
+    least = largest - _EQUAL * np.abs(np.nan_to_num(largest))
+    return np.asarray((values >= least).argmax(axis=0))
+
+
 def bounds_or_own(robot: Robot, bounds: Limits | None) -> Limits:
     """Return the given bounds, or the robot's limits for None; raises ValueRangeError for other types."""
     if bounds is None:
@@ -197,9 +208,9 @@ class Extrema(NamedTuple):
     @classmethod
     def _from_tables(cls, time: Array, values: Array, signed: Array) -> Extrema:
         """Maxima of values (n, columns), each with its own time and signed value; n ≥ 1."""
-        rows = values.argmax(axis=0)
+        rows = first_largest(values)
         columns = np.arange(values.shape[1])
-        maxima = values[rows, columns]
+        maxima = values.max(axis=0)
         is_known = maxima > -np.inf
         return cls(
             np.where(is_known, maxima, -np.inf),

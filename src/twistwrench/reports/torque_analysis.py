@@ -22,7 +22,7 @@ from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
 from ..mechanics.model.limits import BEARING_UNITS, BEARINGS, bears
-from ..motion.bounds import Extrema, TimeAbove, above_limits
+from ..motion.bounds import Extrema, TimeAbove, above_limits, first_largest
 from ..motion.coordinates import Coordinates
 from ..motion.differentiation import Differentiation, MotionSamples, outliers_of, pulse_peak
 from ..motion.load_case import (
@@ -411,7 +411,7 @@ class MotionPass:
             sound=self._sound_extremes(whole, s, torques, borne, doubtful),
             unloaded_peak=Extrema.from_rows(s.time, np.abs(unloaded), unloaded),
             speed=Extrema.from_rows(s.time, np.abs(s.dq), s.dq),
-            at_peaks=s[np.abs(torques).argmax(axis=0)],
+            at_peaks=s[first_largest(np.abs(torques))],
             envelope=Bins.from_rows(first_row, s.time, torques, torques, row_count),
             band=band,
             runs=runs,

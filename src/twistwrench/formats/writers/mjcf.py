@@ -396,6 +396,7 @@ def _pose_attributes(T: Array) -> dict[str, str]:
     R, p = T[:3, :3], T[:3, 3]
     if p.any():
         attributes["pos"] = figures(p)
-    if not np.array_equal(R, np.eye(3)):
-        attributes["quat"] = figures(quaternion.from_matrix(R))
+    orientation = figures(quaternion.from_matrix(R))
+    if orientation != "1 0 0 0":  # nor is a rotation by rounding errors written
+        attributes["quat"] = orientation
     return attributes

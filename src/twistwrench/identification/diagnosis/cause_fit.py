@@ -262,7 +262,7 @@ class CauseFit:
         return _screen_laws_of_joints(self)
 
     def deviation(self, e: Array) -> Array:
-        """Standard deviations (k,), by blocks of time, of coefficients of columns (m, nv, k) that this fit contains."""
+        """Standard deviations (k,), by blocks of time, of coefficients of columns (m, nv, k) beside those of this fit."""
         W_e = np.einsum("mjr,mjk,j->rk", self.W, e, self.weight, optimize=True)
         unspanned = e - self.W @ (self._inverses[-1] @ W_e)
         covariance = np.linalg.pinv(np.einsum("mjk,mjl,j->kl", unspanned, unspanned, self.weight, optimize=True))

@@ -61,7 +61,8 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
     moment_about_origin = abs(float(G.moment_about_origin.trace()))
     rounding_error = _MOMENT_ROUNDING * max(size, moment_about_origin)
     tolerance = _MOMENT_TOLERANCE * abs(smallest + middle + largest) + rounding_error
-    smallest_text, middle_text, largest_text = (number(moment, 6) for moment in (smallest, middle, largest))
+    shown_moments = np.where(np.abs(principal_moments) > rounding_error, principal_moments, 0.0)
+    smallest_text, middle_text, largest_text = (number(moment, 6) for moment in shown_moments.tolist())
     problems = []
     if smallest < -tolerance:
         problems.append(
@@ -179,7 +180,8 @@ class Repair:
 def _moments_text(G: SpatialInertia) -> str:
     """Principal moments without their unit, separated by commas."""
     moments, _ = G.principal()
-    return ", ".join(number(moment, 6) for moment in moments + 0.0)  # no -0.0
+    is_rounding = np.abs(moments) <= _MOMENT_ROUNDING * np.abs(moments).max()
+    return ", ".join(number(moment, 6) for moment in np.where(is_rounding, 0.0, moments))
 
 
 # ── Parametrisations of the ten parameters

@@ -12,6 +12,7 @@ from ...core.answers.blocks import Line, Table, numbers, share_cell, words
 from ...core.colours import Style, strong
 from ...core.numbers import number, seconds
 from ...core.typing import Array
+from ...motion.bounds import first_largest
 from ...statics.contacts import contact_maps, tangents
 from .answers import SupportAnswers
 from .ground_support import GroundSupport
@@ -86,7 +87,7 @@ def _forces_on_frame(found: GroundSupport, frame: str) -> _FrameForces:
     normal_forces = (forces * normals).sum(axis=-1)
     tangential_forces = np.linalg.norm(forces - normal_forces[..., None] * normals, axis=-1)
     pressing = normal_forces.sum(axis=1)
-    peak_row = int(pressing.argmax())
+    peak_row = int(first_largest(pressing))
     max_pressing = float(pressing[peak_row])
     carries = found.in_contact[:, contacts].any(axis=1) & found.balanced
     min_pressing = math.nan
