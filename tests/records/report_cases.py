@@ -177,7 +177,7 @@ def shown(blocks):
         elif isinstance(block, Table):
             look = [str(block.style), int(block.level), block.most, block.of_limits, [str(s) for s in block.styles]]
             columns = {column.head: column_of(column) for column in block.columns}
-            result.append({"title": block.title, "look": look, "by": block.by, "columns": columns})
+            result.append({"title": block.heading, "look": look, "by": block.by, "columns": columns})
         elif isinstance(block, Branch):
             result.append(_branch(block))
         else:
