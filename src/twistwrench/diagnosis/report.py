@@ -402,7 +402,7 @@ def _source_text(subject: Subject) -> str:
 
 
 _EFFECT_DIGITS = 6
-"""Decimals of a percentage that are no rounding errors."""
+"""Decimals of a percentage that are not rounding errors."""
 
 
 def _rank(finding: Finding) -> tuple[int, float]:
