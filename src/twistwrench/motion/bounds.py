@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
-_EQUAL = 1e-9
+_EQUAL = 1e-12
 """Relative difference up to which two values of a motion are equal but for rounding."""
 
 
