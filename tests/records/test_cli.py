@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from recorded_answers import Records, plain_values
-from tests.records.test_statics import ARM, Q
 
 import twistwrench as tw
 from twistwrench.cli import export, hints, identify, parameters, shared, torques
+
+from .test_statics import ARM, Q
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

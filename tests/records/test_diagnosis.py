@@ -7,7 +7,6 @@ import warnings
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.report_cases import CRANE, TRIPOD, said, shown
 
 import twistwrench as tw
 from twistwrench.core.errors import ModelWarning
@@ -17,6 +16,8 @@ from twistwrench.diagnosis.options import Options
 from twistwrench.diagnosis.tensor_checks import reference_of
 from twistwrench.diagnosis.unit_checks import _neighbour_frames
 from twistwrench.testing import random_robot
+
+from .report_cases import CRANE, TRIPOD, said, shown
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 from recorded_models import ShortRecords, described, pose, rounded
-from tests.records.test_formats_writers import DRIVES, rig, solid
 
 from twistwrench.core.errors import TwistWrenchError
 from twistwrench.formats.actuators import add_actuators
@@ -16,6 +15,8 @@ from twistwrench.formats.pinocchio_model import pinocchio_of, read_pinocchio_mod
 from twistwrench.formats.xml import xml_text
 from twistwrench.mechanics.lie import se3
 from twistwrench.mechanics.model.builder import ModelBuilder
+
+from .test_formats_writers import DRIVES, rig, solid
 
 mujoco = pytest.importorskip("mujoco", minversion="4.0", reason="MuJoCo 4 is not installed")
 pinocchio = pytest.importorskip(

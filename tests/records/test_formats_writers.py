@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 from recorded_answers import refusal
 from recorded_models import ShortRecords, rounded
-from tests.records.test_formats_mjcf import PLANT
-from tests.records.test_formats_sdf import PRESS
-from tests.records.test_formats_urdf import CRANE
 
 from twistwrench import SpatialInertia
 from twistwrench.formats import load_model, xml
@@ -23,6 +20,10 @@ from twistwrench.mechanics.lie import se3
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.mechanics.model.model import OfferedClosure
 from twistwrench.mechanics.model.parts import disassemble
+
+from .test_formats_mjcf import PLANT
+from .test_formats_sdf import PRESS
+from .test_formats_urdf import CRANE
 
 records = ShortRecords(__file__)
 

@@ -10,18 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded_answers import Records
-from tests.records.test_motion_columns import (
-    ARM,
-    CRANE,
-    CRANE_TEXT,
-    GEARED,
-    RAFT,
-    compactly,
-    joint,
-    link,
-    loaded,
-    outcome,
-)
 
 import twistwrench as tw
 import twistwrench.motion
@@ -35,6 +23,19 @@ from twistwrench.motion.log_checks.log_conventions import dataset_doubts, fanuc_
 from twistwrench.motion.motion_log import LogRows, MotionLog
 from twistwrench.motion.plausibility import DoubtfulSpans, Instant, InstantKind, Origin, RecordedSteps
 from twistwrench.motion.readers.columnar_file import ArrayFile
+
+from .test_motion_columns import (
+    ARM,
+    CRANE,
+    CRANE_TEXT,
+    GEARED,
+    RAFT,
+    compactly,
+    joint,
+    link,
+    loaded,
+    outcome,
+)
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

@@ -32,7 +32,6 @@ from ros_logs import (
     write_ros1,
 )
 from ros_logs import header as ros_header
-from tests.records.test_motion_columns import CRANE, GEARED, RAFT, compactly, outcome
 
 import twistwrench as tw
 from twistwrench.motion import log_table, motion_file
@@ -47,6 +46,8 @@ from twistwrench.motion.readers.csv_reader import CsvFile, Dialect, is_number, p
 from twistwrench.motion.readers.file_ends import FileEnds
 from twistwrench.motion.readers.lerobot import read_metadata
 from twistwrench.motion.readers.ros_recordings import between_points, ros_file
+
+from .test_motion_columns import CRANE, GEARED, RAFT, compactly, outcome
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

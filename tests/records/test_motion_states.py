@@ -11,7 +11,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from recorded_answers import Records
-from tests.records.test_motion_columns import ARM, CRANE, CRANE_TEXT, GEARED, RAFT, compactly, loaded, outcome
 
 import twistwrench as tw
 from twistwrench.core.text import words_of_the_shell
@@ -40,6 +39,8 @@ from twistwrench.motion.load_case import (
 from twistwrench.motion.motion_io import data_frame_file, labelled_dataset
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.motion.readers.columnar_file import ArrayFile
+
+from .test_motion_columns import ARM, CRANE, CRANE_TEXT, GEARED, RAFT, compactly, loaded, outcome
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

@@ -10,19 +10,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.report_cases import (
-    crane,
-    fields_of,
-    motion,
-    quietly,
-    said,
-    shown,
-    swing,
-    uneven,
-    words_of,
-    write_log,
-)
-from tests.records.report_cases import heads as heads_of
 
 import twistwrench as tw
 from twistwrench.core.verdict import Word
@@ -42,6 +29,20 @@ from twistwrench.reports.recordings.recording import Recording
 from twistwrench.reports.recordings.rerun_file import _curves, _duplicate_rows
 from twistwrench.reports.robot_summary import html_summary, limits_csv, summary
 from twistwrench.reports.statistics import Bins, Gaps, Runs, excess_of_largest, gap_edges, mean_weights, stride_of
+
+from .report_cases import (
+    crane,
+    fields_of,
+    motion,
+    quietly,
+    said,
+    shown,
+    swing,
+    uneven,
+    words_of,
+    write_log,
+)
+from .report_cases import heads as heads_of
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.report_cases import CRANE, GRAVITY, crane, fields_of, motion, quietly, said, shown, styled, words_of
 
 import twistwrench as tw
 from twistwrench.core.verdict import Verdict
@@ -20,6 +19,8 @@ from twistwrench.reports.support.mounting import BoltPattern
 from twistwrench.reports.torque_verdict import verdict_of
 from twistwrench.reports.torque_view import report_view
 from twistwrench.statics.reactions import bolt_circle
+
+from .report_cases import CRANE, GRAVITY, crane, fields_of, motion, quietly, said, shown, styled, words_of
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.report_cases import TRIPOD, fields_of, heads, quietly, said, shown, tripod, words_of, write_log
 
 import twistwrench as tw
 from twistwrench import statics
@@ -20,6 +19,8 @@ from twistwrench.reports.support import contact_schedule, ground, judgement, noi
 from twistwrench.reports.support.ground import ContactSchedule, GroundGiven, ground_of, with_base_free
 from twistwrench.reports.support.noise import SupportNoise
 from twistwrench.reports.support.standing_log import with_base_held
+
+from .report_cases import TRIPOD, fields_of, heads, quietly, said, shown, tripod, words_of, write_log
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

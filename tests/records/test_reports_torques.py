@@ -8,7 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.report_cases import (
+
+import twistwrench as tw
+from twistwrench.motion.motion_log import MotionLog
+from twistwrench.reports.spoken_verdict import verdict_data
+from twistwrench.reports.torque_report import Joints
+
+from .report_cases import (
     CRANE,
     GRAVITY,
     crane,
@@ -23,11 +29,6 @@ from tests.records.report_cases import (
     words_of,
     write_log,
 )
-
-import twistwrench as tw
-from twistwrench.motion.motion_log import MotionLog
-from twistwrench.reports.spoken_verdict import verdict_data
-from twistwrench.reports.torque_report import Joints
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

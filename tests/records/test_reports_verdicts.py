@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_answers import Records
-from tests.records.report_cases import TRIPOD, crane, motion, quietly, said, shown, styled, swing, uneven, words_of
 
 import twistwrench as tw
 from twistwrench.core.doubts import Doubt, doubt_table
@@ -25,6 +24,8 @@ from twistwrench.reports.statistics import Gaps, PeakEstimate, _Gap
 from twistwrench.reports.torque_report import BearingUse, Excess, Joints, NearLimit, SoundFigures
 from twistwrench.reports.torque_verdict import notes_of
 from twistwrench.reports.torque_view import motors_table, motors_verdict, report_view
+
+from .report_cases import TRIPOD, crane, motion, quietly, said, shown, styled, swing, uneven, words_of
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

@@ -9,7 +9,6 @@ import warnings
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.test_statics import Q, arm
 
 import twistwrench as tw
 from twistwrench import sensing
@@ -35,6 +34,8 @@ from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.sensor import ForceTorqueSensor
 from twistwrench.sensing.simulated_logs import lively_motion
 from twistwrench.sensing.unknowns import SensorState, Unknowns
+
+from .test_statics import Q, arm
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

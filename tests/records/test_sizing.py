@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.report_cases import CRANE, TRIPOD, fields_of, quietly, said, shown, write_log
 
 import twistwrench as tw
 from twistwrench.core.doubts import Doubt
@@ -23,6 +22,8 @@ from twistwrench.sizing.cycle import RPM, Cycle, with_noise
 from twistwrench.sizing.drives import hot_motor, sized_motor, supply_of, warm_resistance
 from twistwrench.sizing.gear import Gear, average_speed, average_torque, emergency_events, life_hours, sized_gear
 from twistwrench.sizing.sizing_view import drives_table, worst_moment
+
+from .report_cases import CRANE, TRIPOD, fields_of, quietly, said, shown, write_log
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

@@ -10,12 +10,13 @@ from itertools import product
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.test_statics import from_file, joint, link, quiet
 
 import twistwrench as tw
 from twistwrench.statics import clearance, link_pairs
 from twistwrench.statics.clearance import PathClearance
 from twistwrench.statics.link_pairs import LinkPairs, Nearest
+
+from .test_statics import from_file, joint, link, quiet
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

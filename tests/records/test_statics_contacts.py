@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 from recorded_answers import Records, refusal
-from tests.records.test_statics import POSES, Q, arm, coupled, from_file, joint, link, quiet
 
 import twistwrench as tw
 from twistwrench import statics
@@ -16,6 +15,8 @@ from twistwrench.statics import balance, cone_programme, contact_forces, contact
 from twistwrench.statics import zero_moment_point as zmp
 from twistwrench.statics.contacts import Contact
 from twistwrench.statics.support import force_shares
+
+from .test_statics import POSES, Q, arm, coupled, from_file, joint, link, quiet
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

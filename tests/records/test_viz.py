@@ -12,8 +12,6 @@ from functools import cache
 import numpy as np
 import pytest
 from recorded_answers import Records, plain_values, refusal
-from tests.records.test_statics import ARM, FLYER, TILTED, from_file, joint, link, quiet
-from tests.records.test_statics_contacts import SOLES, spider, stork
 
 import twistwrench as tw
 from twistwrench import viz
@@ -36,6 +34,9 @@ from twistwrench.viz import (
     style,
 )
 from twistwrench.viz.page_layer import ArrowGroup, ColouredPoints, PageLayer
+
+from .test_statics import ARM, FLYER, TILTED, from_file, joint, link, quiet
+from .test_statics_contacts import SOLES, spider, stork
 
 pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
