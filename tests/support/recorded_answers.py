@@ -201,7 +201,8 @@ _ALL_DIGITS = 8
 
 
 def _same_text(recorded: str, found: str, relative: float) -> bool:
-    """Equal words, and equal numbers: to one unit of their last digit, where rounding may turn."""
+    """Equal words, however versions of Rich space them, and equal numbers: to one unit of their last digit."""
+    recorded, found = _without_layout(recorded), _without_layout(found)
     if recorded == found:
         return True
     if _SHOWN_NUMBER.split(recorded) != _SHOWN_NUMBER.split(found):
@@ -212,6 +213,10 @@ def _same_text(recorded: str, found: str, relative: float) -> bool:
 
 def _digits_shown(number: str) -> int:
     return len(number.partition("e")[0].strip("-0.").replace(".", ""))
+
+
+def _without_layout(text: str) -> str:
+    return re.sub("─+", "─", " ".join(text.split()))
 
 
 def _same_shown_number(a: str, b: str, relative: float) -> bool:
