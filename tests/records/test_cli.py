@@ -42,10 +42,12 @@ ALL = [*(name for name in COMMANDS if name != "sensor"), "sensor identify", "sen
 
 def declared(parameter):
     """Names, type, default and form of an option or an argument in one line."""
+    is_option = isinstance(parameter, click.Option)
+    is_flag = is_option and parameter.is_flag  # whose defaults are spelt otherwise by versions of Click
     entries = [
-        " ".join(parameter.opts), parameter.name, parameter.type.name, parameter.metavar, parameter.default, parameter.nargs,
-        parameter.multiple if isinstance(parameter, click.Option) else None, parameter.required, getattr(parameter, "is_flag", None),
-        getattr(parameter, "flag_value", None), getattr(parameter.type, "choices", None), parameter.is_eager, getattr(parameter, "hidden", None),
+        " ".join(parameter.opts), parameter.name, parameter.type.name, parameter.metavar, None if is_flag else parameter.default,
+        parameter.nargs, parameter.multiple if is_option else None, parameter.required, is_flag,
+        getattr(parameter.type, "choices", None), parameter.is_eager, getattr(parameter, "hidden", None),
     ]  # fmt: skip
     words = [str(entry) if isinstance(entry, str | int | float | bool | tuple | list) else "-" for entry in entries]
     return " | ".join(words)

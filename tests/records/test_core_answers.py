@@ -156,7 +156,7 @@ def texts_of_all_blocks():
         patch.setenv("COLUMNS", "70")
         terminal.print_blocks(made[:4])
         terminal.print_blocks(made[:4], every=True)
-    return {"as text": terminal.as_text(made).splitlines(), "full": in_width(full, 100), "narrow": in_width(full, 46), "narrower": in_width([torques()], 30), "wide": in_width([torques()], 140)[:5], "printed": printed.getvalue().splitlines()[-12:], "in colours": in_width([made[0], made[4], tree(), torques(style=Style.NEAR)], 90, "standard")}  # fmt: skip
+    return {"as text": terminal.as_text(made).splitlines(), "full": in_width(full, 100), "narrow": in_width(full, 46), "narrower": in_width([torques()], 30), "wide": in_width([torques()], 140)[:5], "printed": printed.getvalue().splitlines()[-12:], "in colours": in_width([made[0], made[4], tree()], 90, "standard")}  # fmt: skip
 
 
 @records.of

@@ -1025,7 +1025,7 @@ def load_friction_of_assumed_causes():
 
 
 def axes_of(figure):
-    """What the axes of a figure show: titles, labels, curves, bars and texts."""
+    """What the axes of a figure show: titles, labels, curves, bars and texts. Ticks are those of a version of matplotlib."""
     found = []
     for axes in figure.axes:
         lines = [
@@ -1035,7 +1035,6 @@ def axes_of(figure):
         bars = [round(float(patch.get_height()), 6) for patch in axes.patches if hasattr(patch, "get_height")]
         legend = axes.get_legend()
         legend_texts = [text.get_text() for text in legend.get_texts()] if legend else []
-        ticks = [text.get_text() for text in axes.get_xticklabels()] if axes.get_xticks().size < 30 else []
         areas = [packed(area.get_paths()[0].vertices) for area in axes.collections if len(area.get_paths())]
         texts = [text.get_text() for text in axes.texts]
         found.append(
@@ -1046,7 +1045,6 @@ def axes_of(figure):
                 lines,
                 bars,
                 legend_texts,
-                ticks,
                 areas,
                 texts,
             ]

@@ -239,7 +239,6 @@ def noise_of_support():
             one.certain,
             one.spread,
             one.speed,
-            one.time,
             one.how,
             judgement.support_verdict(replace(slips, noise=one)),
         ]

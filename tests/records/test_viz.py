@@ -441,7 +441,7 @@ def axes_data(axis):
     }  # fmt: skip
 
 
-@records.of(relative=1e-4)
+@records.of(relative=1e-3)
 def drawings_of_answers(folder):
     robot = line()
     report = checked(robot, payload="1.5,0.02,0.03,0.1", limits={"first": 15.0, "second": 12.0})
