@@ -8,7 +8,6 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-import recorded_answers
 from recorded_answers import Records, refusal
 
 import twistwrench as tw
@@ -17,16 +16,7 @@ pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
 
 
-class ShortRecords(Records):
-    """Records of many matrices: those of more than 18 entries stand as sums."""
-
-    def _result(self, name, folder):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(recorded_answers, "LISTED", 18)
-            return super()._result(name, folder)
-
-
-records = ShortRecords(__file__)
+records = Records(__file__, listed=18)
 
 
 def link_text(name, mass, com, moments):

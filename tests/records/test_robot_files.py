@@ -11,7 +11,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import recorded_answers
 from recorded_answers import Records, refusal
 
 import twistwrench as tw
@@ -24,16 +23,7 @@ pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
 
 
-class ShortRecords(Records):
-    """Records of many matrices: those of more than 18 entries stand as sums."""
-
-    def _result(self, name, folder):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(recorded_answers, "LISTED", 18)
-            return super()._result(name, folder)
-
-
-records = ShortRecords(__file__)
+records = Records(__file__, listed=18)
 
 TWIN = """<robot name="Twin-Arm 2"><link name="stand"/>
 <link name="beam"><inertial><origin xyz="0.25 0 0.125"/><mass value="2"/>

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import recorded_answers
 from recorded_answers import Records, refusal
 
 import twistwrench as tw
@@ -17,16 +16,7 @@ pytest_plugins = ("numpy_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")
 
 
-class ShortRecords(Records):
-    """Records of many matrices: those of more than 24 entries stand as sums."""
-
-    def _result(self, name, folder):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(recorded_answers, "LISTED", 24)
-            return super()._result(name, folder)
-
-
-records = ShortRecords(__file__)
+records = Records(__file__, listed=24)
 
 URDF = """<robot name="looks">
 <material name="paint"><color rgba="0.9 0.2 0.4 1"/></material>

@@ -32,12 +32,14 @@ SHOWN = 8
 class Records:
     """Calls of one test file, and their results in ``<room>.json`` beside it.
 
-    ``@records.of`` adds a function: its name says what is on record. It may take a ``folder`` to write into.
+    ``@records.of`` adds a function: its name says what is on record. It may take a ``folder`` to write into. Arrays of more
+    than ``listed`` entries stand as sums.
     """
 
-    def __init__(self, test_file: str) -> None:
+    def __init__(self, test_file: str, *, listed: int = LISTED) -> None:
         path = Path(test_file)
         self.path = path.with_name(path.stem.removeprefix("test_") + ".json")
+        self.listed = listed
         self.calls: dict[str, tuple[Callable[..., object], float]] = {}
 
     @property
@@ -88,7 +90,7 @@ class Records:
         call, _ = self.calls[name]
         takes_folder = "folder" in inspect.signature(call).parameters
         result = call(folder) if takes_folder else call()
-        text = json.dumps(plain_values(result), ensure_ascii=False)
+        text = json.dumps(plain_values(result, self.listed), ensure_ascii=False)
         return json.loads(text.replace(str(folder), "FOLDER"))
 
 
@@ -101,7 +103,7 @@ def refusal(call: Callable[[], object]) -> str:
     raise AssertionError(f"No error, but {result!r}")
 
 
-def plain_values(value: object) -> Any:
+def plain_values(value: object, listed: int = LISTED) -> Any:
     """Value as JSON has it: numbers, texts, lists and dictionaries; fields of dataclasses, data and text of answers."""
     if value is None or isinstance(value, bool | np.bool_):
         return None if value is None else bool(value)
@@ -114,21 +116,21 @@ def plain_values(value: object) -> Any:
     if isinstance(value, float | np.floating):
         return _number(float(value))
     if isinstance(value, np.ndarray):
-        return _array(value)
+        return _array(value, listed)
     if isinstance(value, Mapping):
-        return {str(key): plain_values(entry) for key, entry in value.items()}
+        return {str(key): plain_values(entry, listed) for key, entry in value.items()}
     if isinstance(value, set | frozenset):
-        return sorted(map(plain_values, value), key=str)
+        return sorted((plain_values(entry, listed) for entry in value), key=str)
     if isinstance(value, list | tuple):
-        return [plain_values(entry) for entry in value]
+        return [plain_values(entry, listed) for entry in value]
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, Answer):
         data = {key: entry for key, entry in value.to_dict().items() if key not in ("version", "schema")}
-        return {"text": str(value).splitlines(), "data": plain_values(data)}
+        return {"text": str(value).splitlines(), "data": plain_values(data, listed)}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [field.name for field in dataclasses.fields(value) if not field.name.startswith("_")]
-        return {"type": type(value).__name__} | {name: plain_values(getattr(value, name)) for name in fields}
+        return {"type": type(value).__name__} | {name: plain_values(getattr(value, name), listed) for name in fields}
     raise TypeError(f"{type(value).__name__} has no plain values: return its arrays, texts or numbers")
 
 
@@ -140,9 +142,9 @@ def _number(x: float) -> float | str:
     return float(f"{x:.9g}") if np.isfinite(x) else str(x)
 
 
-def _array(a: np.ndarray) -> Any:
-    if a.size <= LISTED or a.dtype.kind not in "fiub":
-        return plain_values(a.tolist())
+def _array(a: np.ndarray, listed: int) -> Any:
+    if a.size <= listed or a.dtype.kind not in "fiub":
+        return plain_values(a.tolist(), listed)
     entries = a.astype(float).ravel()
     finite = np.where(np.isfinite(entries), entries, 0.0)
     index = np.arange(1.0, len(entries) + 1.0)
