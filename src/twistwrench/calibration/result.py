@@ -15,12 +15,11 @@ from ..core import arguments
 from ..core.answers.answer import Answer
 from ..core.answers.blocks import Block
 from ..core.doubts import Doubt, verdict_from_doubts
-from ..core.errors import ValueRangeError
 from ..core.numbers import number
 from ..core.tables import csv_table
 from ..core.text import argument
 from ..core.typing import Array
-from ..core.verdict import Verdict, Word
+from ..core.verdict import Verdict, refuse_to_write
 from ..mechanics.lie import se3
 from ..motion.limits_file import robot_origin
 from ..robot import Robot
@@ -421,10 +420,7 @@ class CalibratedRobot(Answer):
         from .result_view import figures
         from .write import write_geometry
 
-        if self.verdict.word is Word.LOOK_AGAIN:
-            raise ValueRangeError(
-                f"nothing is written after {str(self.verdict).removesuffix('.')}. Correct the measurements."
-            )
+        refuse_to_write(self.verdict, "Correct the measurements.")
         return write_geometry(self.original, self.robot, self.fit.problem.chain.frame, path, figures(self))
 
     def to_csv(self, path: str | Path) -> Path:

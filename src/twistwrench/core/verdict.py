@@ -11,6 +11,8 @@ from enum import IntEnum, StrEnum
 from pathlib import Path
 from typing import Any
 
+from .errors import ValueRangeError
+
 __all__ = ["ExitCode", "Reason", "Verdict", "Word"]
 
 
@@ -187,6 +189,12 @@ class Verdict:
         if self.reasons:
             return f"{self.word}: {'; '.join(self.reasons)}"
         return str(self.word)
+
+
+def refuse_to_write(verdict: Verdict, remedy: str) -> None:
+    """Raise ValueRangeError with the verdict and a remedy if it is LOOK AGAIN: such a result is not written."""
+    if verdict.word is Word.LOOK_AGAIN:
+        raise ValueRangeError(f"nothing is written after {str(verdict).removesuffix('.')}. {remedy}")
 
 
 # ── Ctrl-C during the import of the package: the command ends without a traceback, as it does later

@@ -20,7 +20,7 @@ from ..core.files import as_path, replacing
 from ..core.numbers import number, percent
 from ..core.text import argument
 from ..core.typing import Array
-from ..core.verdict import Word
+from ..core.verdict import refuse_to_write
 from ..core.version import __version__
 from ..diagnosis.subject import Subject, read_subject
 from ..formats.edit import TextChanges, encode_as
@@ -387,11 +387,8 @@ def write_identified(
 
 def _check_writable(found: IdentifiedRobot, actuators: str | Path | None, *, force: bool) -> None:
     """Raise ValueRangeError if the result must not be written, or has no actuator file."""
-    if found.verdict.word is Word.LOOK_AGAIN and not force:
-        raise ValueRangeError(
-            f"nothing is written after {str(found.verdict).removesuffix('.')}. Pass {argument('force', True)} to write "
-            "all the same."
-        )
+    if not force:
+        refuse_to_write(found.verdict, f"Pass {argument('force', True)} to write all the same.")
     if found.payload_frame is not None:
         raise ValueRangeError(
             "a payload alone is not a robot to write. Take found.payload, or with_payload of the robot."

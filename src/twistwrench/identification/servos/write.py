@@ -18,7 +18,7 @@ from ...core.errors import ValueRangeError
 from ...core.files import as_path, replacing
 from ...core.numbers import number, quantity
 from ...core.text import listed
-from ...core.verdict import Word
+from ...core.verdict import refuse_to_write
 from ...core.version import __version__
 from ...diagnosis.subject import Subject, read_subject
 from ...formats.edit import TextChanges, encode_as
@@ -48,10 +48,8 @@ def write_servos(
 
     Only joints with all values determined are written; with ``force``, all joints.
     """
-    if found.verdict.word is Word.LOOK_AGAIN and not force:
-        raise ValueRangeError(
-            f"nothing is written after {str(found.verdict).removesuffix('.')}. Pass force=True to write all the same."
-        )
+    if not force:
+        refuse_to_write(found.verdict, "Pass force=True to write all the same.")
     is_written = np.asarray(found.whole, bool)  # for each joint
     if force:
         is_written = np.ones(len(found.joints), bool)
